@@ -1,0 +1,221 @@
+"""A mechanism: geometry and limits as a pytree, and the constraint equations between pose and joints."""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxkin.core.branches import Lane
+from jaxkin.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Axis:
+    """One coordinate of a pose or joint space (static: it is no part of the geometry).
+
+    Attributes:
+        name: As in the equations, for instance ``rho1``.
+        unit: ``"length"`` (whatever unit the geometry is in), ``"mm"``, ``"rad"``, ...
+        low: Lower end of the interval in which solutions are sought; ``-inf`` if open.
+        high: Upper end; ``inf`` if open.
+        period: The period of a glued axis, or None.
+    """
+
+    name: str
+    unit: str
+    low: float = -math.inf
+    high: float = math.inf
+    period: float | None = None
+
+    @property
+    def is_angle(self) -> bool:
+        """True for angles, which a characteristic length does not scale."""
+        return self.unit == "rad"
+
+
+def angle(name: str) -> Axis:
+    """Returns a periodic angle in [-pi, pi)."""
+    return Axis(name, "rad", -math.pi, math.pi, 2 * math.pi)
+
+
+@jax.tree_util.register_dataclass
+@dataclass(frozen=True)
+class Limits:
+    """Joint limits, leaves of the mechanism like its geometry: they can be batched and optimised.
+
+    Attributes:
+        low: ``(n_joint,)`` lower limits.
+        high: ``(n_joint,)`` upper limits, ``inf`` where there is none.
+    """
+
+    low: Array
+    high: Array
+
+    @classmethod
+    def lengths(cls, n_joint: int, low: float = 0.0, high: float = math.inf) -> "Limits":
+        """Returns the same interval for every leg; by default a length is only not negative."""
+        return cls(jnp.full(n_joint, low, dtype=float), jnp.full(n_joint, high, dtype=float))
+
+    @classmethod
+    def none(cls, n_joint: int) -> "Limits":
+        """Returns no limits at all (for angles)."""
+        return cls(jnp.full(n_joint, -jnp.inf), jnp.full(n_joint, jnp.inf))
+
+
+class Count(NamedTuple):
+    """Number of distinct real solutions, and whether float64 can decide it.
+
+    Attributes:
+        number: int8.
+        undecided: True where rounding could change the number: a solution is nearly double.
+    """
+
+    number: Array
+    undecided: Array
+
+
+class Mechanism:
+    """Base of every mechanism; decorate the subclass with ``jk.mechanism``.
+
+    A subclass declares its geometry as annotated fields, ``pose_axes`` and ``joint_axes`` as plain class
+    attributes, and ``constraints``. All the rest is optional and has a generic stand-in.
+
+    ``constraints`` must be square (as many equations as pose coordinates and as joints), smooth, and
+    polynomial in lengths and in sines and cosines: no ``abs``, no ``arctan2``, no comparison.
+
+    Optional hot kernels take and return tuples of arrays of one batch shape and are elementwise:
+    ``inverse_kernel(pose) -> tuple[Lane, ...]``, ``forward_kernel(joints) -> tuple[Lane, ...]`` and
+    ``count_kernel(joints) -> Count`` (forward solutions, counted without solving). A kernel neither
+    checks finite input nor applies limits; the caller in ``kinematics`` does that once for all.
+    """
+
+    id: ClassVar[str] = ""
+    pose_axes: ClassVar[tuple[Axis, ...]]
+    joint_axes: ClassVar[tuple[Axis, ...]]
+    #: Lanes of the generic search where there is no closed form.
+    max_branches: ClassVar[int] = 8
+    #: Samples of a forward solve that stay in cache together; measured per mechanism.
+    forward_block: ClassVar[int] = 4096
+
+    inverse_kernel: Callable[..., tuple[Lane, ...]] | None = None
+    forward_kernel: Callable[..., tuple[Lane, ...]] | None = None
+    count_kernel: Callable[..., Count] | None = None
+
+    def constraints(self, pose: Array, joints: Array) -> Array:
+        """Returns the residuals F(pose, joints), ``(n,)``, zero where the mechanism closes."""
+        raise NotImplementedError
+
+    def characteristic_length(self) -> Array:
+        """Returns the length that makes translations and rotations comparable; override it."""
+        return jnp.asarray(1.0)
+
+    def constraint_scales(self, pose: Array, joints: Array) -> Array:
+        """Returns the magnitude of each equation's terms, ``(n,)``, by which residuals are divided.
+
+        The generic choice is the change of each equation over one characteristic length (one radian) in
+        every coordinate, to first and second order; override it where the terms are known.
+        """
+        length = self.characteristic_length()
+        step = scale_vector(self.pose_axes, length), scale_vector(self.joint_axes, length)
+        total = 0.0
+        for index in (0, 1):
+            point = (pose, joints)
+
+            def along(t: Array, k: Array, index: int = index, point: Any = point) -> Array:
+                moved = list(point)
+                moved[index] = point[index].at[k].add(t * step[index][k])
+                return self.constraints(*moved)
+
+            slope = jax.jacfwd(along)
+            ks = jnp.arange(len(point[index]))
+            first = jax.vmap(lambda k, s=slope: s(0.0, k))(ks)
+            second = jax.vmap(lambda k, s=slope: jax.jacfwd(s)(0.0, k))(ks)
+            total = total + jnp.sum(jnp.abs(first) + jnp.abs(second), axis=0)
+        return total
+
+    def limit_values(self) -> Limits:
+        """Returns the joint limits: the field ``limits`` if there is one, else none."""
+        limits = getattr(self, "limits", None)
+        return Limits.none(len(self.joint_axes)) if limits is None else limits
+
+    def margins(self, pose: Array, joints: Array) -> dict[str, Array]:
+        """Returns the signed distance to every limit, one named entry each; negative is a violation."""
+        del pose
+        limits = self.limit_values()
+        margins = {}
+        for index, axis in enumerate(self.joint_axes):
+            margins[f"{axis.name}_low"] = joints[..., index] - limits.low[index]
+            margins[f"{axis.name}_high"] = limits.high[index] - joints[..., index]
+        return margins
+
+    def geometry_ok(self) -> Array:
+        """True where the geometry defines a working mechanism; elementwise over a batch of robots."""
+        ok = jnp.asarray(True)
+        for field in dataclasses.fields(self):  # type: ignore[arg-type]
+            if field.name != "limits":
+                for leaf in jax.tree_util.tree_leaves(getattr(self, field.name)):
+                    ok = ok & jnp.all(jnp.isfinite(leaf))
+        return ok
+
+    def geometry(self) -> dict[str, Any]:
+        """Returns the leaves by name as plain numbers and lists (concrete mechanisms only)."""
+        leaves = jax.tree_util.tree_flatten_with_path(self)[0]
+        return {
+            jax.tree_util.keystr(path, simple=True, separator="."): jnp.asarray(leaf).tolist()
+            for path, leaf in leaves
+        }
+
+    def replace(self, **changes: Any) -> "Mechanism":
+        """Returns a copy with other leaves; unlike the constructors it checks nothing."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+    def __str__(self) -> str:
+        """The id and the geometry in one line."""
+        leaves = jax.tree_util.tree_leaves(self)
+        if any(isinstance(leaf, jax.core.Tracer) or jnp.ndim(leaf) > 1 for leaf in leaves):
+            return f"{self.id or type(self).__name__} (batched or traced)"
+        parts = ", ".join(
+            f"{name}={value:.12g}"
+            for name, value in self.geometry().items()
+            if isinstance(value, int | float)
+        )
+        return f"{self.id or type(self).__name__}({parts})"
+
+
+Subclass = TypeVar("Subclass", bound=type[Mechanism])
+
+
+@dataclass_transform(frozen_default=True)
+def mechanism(cls: Subclass) -> Subclass:
+    """Makes a ``Mechanism`` subclass a frozen dataclass and a JAX pytree, and checks its declaration.
+
+    Raises:
+        InputError: An axis tuple is missing or empty, the numbers of pose and joint axes differ, or two
+            axes share a name.
+    """
+    for kind in ("pose_axes", "joint_axes"):
+        axes = getattr(cls, kind, None)
+        if not axes or not all(isinstance(axis, Axis) for axis in axes):
+            raise InputError(
+                f"{cls.__name__}.{kind} is {axes!r}: it must be a non-empty tuple of jaxkin.Axis; "
+                "declare it as a class attribute without annotation."
+            )
+    names = [axis.name for axis in (*cls.pose_axes, *cls.joint_axes)]
+    if len(cls.pose_axes) != len(cls.joint_axes):
+        raise InputError(
+            f"{cls.__name__} has {len(cls.pose_axes)} pose axes and {len(cls.joint_axes)} joint axes: their "
+            "numbers must be equal; eliminate passive joints from the equations."
+        )
+    if len(set(names)) != len(names):
+        raise InputError(f"{cls.__name__} has axes {names}: every axis needs a name of its own.")
+    return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
+
+
+def scale_vector(axes: tuple[Axis, ...], length: Array) -> Array:
+    """Returns one unit per axis: the characteristic length for lengths, 1 for angles."""
+    return jnp.stack([jnp.ones_like(length) if axis.is_angle else length for axis in axes])

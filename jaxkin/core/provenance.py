@@ -1,0 +1,65 @@
+"""The request, which determines the numbers and is hashed, and the run log, which does not."""
+
+import datetime
+import hashlib
+import json
+import platform
+from dataclasses import dataclass
+from typing import Any
+
+#: Raise it when a kernel changes its numbers, so that old stores are not continued with new ones.
+ALGORITHM_VERSION = 1
+
+
+@dataclass(frozen=True)
+class Request:
+    """Everything that determines the numbers of a result.
+
+    Attributes:
+        content: JSON-able: mechanism, geometry, field, grid, tolerances, algorithm version.
+    """
+
+    content: dict[str, Any]
+
+    @property
+    def text(self) -> str:
+        """Canonical JSON: sorted keys, no spaces, every float64 exactly."""
+        return json.dumps(self.content, sort_keys=True, separators=(",", ":"))
+
+    @property
+    def hash(self) -> str:
+        """SHA-256 of the canonical text."""
+        return hashlib.sha256(self.text.encode()).hexdigest()
+
+    def difference(self, other: dict[str, Any]) -> str:
+        """Names the first entry in which another request's content differs, with both values."""
+        mine, theirs = _flat(json.loads(self.text)), _flat(other)
+        for key in sorted(set(mine) | set(theirs)):
+            if mine.get(key) != theirs.get(key):
+                return f"{key} is {theirs.get(key)!r} there and {mine.get(key)!r} here"
+        return "nothing differs"
+
+
+def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        if isinstance(value, dict):
+            flat.update(_flat(value, f"{prefix}{key}."))
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def run_log(**entries: Any) -> dict[str, Any]:
+    """Returns what happened in this run (time, device, versions), which is no part of identity."""
+    import jax
+    import numpy
+
+    return {
+        "finished": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
+        "jax": jax.__version__,
+        "numpy": numpy.__version__,
+        "python": platform.python_version(),
+        "device": jax.devices()[0].platform,
+        **entries,
+    }

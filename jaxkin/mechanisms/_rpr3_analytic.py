@@ -1,0 +1,159 @@
+"""Kernels of the analytic 3-RPR: all assembly modes by a cubic and a square root, and their number by signs.
+
+Notation: r_i = rho_i^2, S = sin(phi/2), C = cos(phi/2), A = r1 - r2, B = r1 - r3, g = c3 S - d3 C. In the coordinates
+p = x C + y S, h = y C - x S of the platform point, leg 2 minus leg 1 and leg 3 minus leg 1 are
+
+    4 c2 S h + 4 c2^2 S^2 + A = 0        4 g h + 4 g^2 + B = 0
+
+two equations in h alone; eliminating h leaves the binary cubic
+4 c2 S g (c2 S - g) + (A g - c2 S B)(S^2 + C^2) in S : C, and leg 1 is the circle p^2 + h^2 = r1. Every real root with
+h^2 < r1 carries two assembly modes, +p and -p.
+
+References:
+    Wenger and Chablat 2009, Eqs. (4)-(7). The cubic (7) is correct as printed. The print solves "(4) or
+    (5)", but (4) vanishes at t = 0 and (5) at c3 t = d3: here both are used, in least squares. The print
+    counts 6, 4 or 2 solutions by the number of real roots; 0 is as possible, and one real root may carry
+    0 or 2, three may carry 0, 2, 4 or 6.
+"""
+
+import jax.numpy as jnp
+from jax import Array
+
+from jaxkin.core.branches import Lane
+from jaxkin.core.errors import Status
+from jaxkin.core.mechanism import Count
+from jaxkin.core.precision import TOLERANCES
+from jaxkin.numerics import cubic as cubics
+from jaxkin.numerics.fusion import materialise
+
+Geometry = tuple[Array, Array, Array]
+
+
+def characteristic_cubic(geometry: Geometry, a: Array, b: Array) -> cubics.Cubic:
+    """Returns the coefficients of Eq. (7), from S^3 to C^3, for a = r1 - r2 and b = r1 - r3."""
+    c2, c3, d3 = geometry
+    leg = c3 * a - c2 * b
+    return (
+        leg + 4 * c2 * c3 * (c2 - c3),
+        d3 * (4 * c2 * (2 * c3 - c2) - a),
+        leg - 4 * c2 * d3 * d3,
+        -d3 * a,
+    )
+
+
+def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
+    """Solves the forward kinematics in closed form, without trigonometric functions but for phi itself.
+
+    Lanes 2k and 2k + 1 hold the pair (+p, -p) of the k-th angle; pairs of real poses come first, by
+    ascending phi in [-pi, pi); a double pose p = 0 fills the first lane of its pair.
+    """
+    c2, c3, d3 = geometry
+    rho1, rho2, rho3 = joints
+    a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
+    roots = cubics.real_roots(
+        characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle
+    )
+    r1 = rho1 * rho1
+    length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
+    slack = TOLERANCES.double_length**2
+    # A length h is known to rounding times the geometry's size, so p^2 is known to this.
+    blur = slack * (r1 + jnp.abs(rho1) * length + slack * length * length)
+
+    pairs = []
+    for s, c, multiplicity in zip(*roots, strict=True):
+        g, u = c3 * s - d3 * c, c2 * s
+        fourth, fifth = 4 * u * u + a, 4 * g * g + b
+        h = -(u * fourth + g * fifth) / (4 * (u * u + g * g))
+        square = r1 - h * h
+        flat = jnp.abs(square) <= blur
+        real = (multiplicity > 0) & (flat | (square > 0))
+        p = jnp.where(flat, 0.0, jnp.sqrt(jnp.maximum(square, 0.0)))
+        residual = jnp.maximum(
+            jnp.abs(4 * u * h + fourth) / (rho2 * rho2 + length * length),
+            jnp.abs(4 * g * h + fifth) / (rho3 * rho3 + length * length),
+        )
+        residual = jnp.maximum(residual, jnp.where(flat, jnp.abs(square) / (r1 + length * length), 0.0))
+        h, p = materialise(h, p)
+        pairs.append((jnp.where(real, s, 2.0), s, c, h, p, flat, jnp.where(real, multiplicity, jnp.int8(0)), residual))
+    pairs = [materialise(*pair) for pair in pairs]
+    _sort_three(pairs)
+    pairs = [materialise(*pair) for pair in pairs]
+    return tuple(lane for pair in pairs for lane in _lanes(*pair[1:]))
+
+
+def _sort_three(pairs: list) -> None:
+    """Sorts three records in place by their first entry, without branches."""
+    for i, j in ((0, 1), (1, 2), (0, 1)):
+        swap = pairs[i][0] > pairs[j][0]
+        pairs[i], pairs[j] = (
+            tuple(jnp.where(swap, y, x) for x, y in zip(pairs[i], pairs[j], strict=True)),
+            tuple(jnp.where(swap, x, y) for x, y in zip(pairs[i], pairs[j], strict=True)),
+        )
+
+
+def _lanes(
+    s: Array, c: Array, h: Array, p: Array, flat: Array, multiplicity: Array, residual: Array
+) -> tuple[Lane, Lane]:
+    """Turns one root into the lanes of +p and -p."""
+    # C >= 0, so that a second half angle keeps the arctangent's argument in [-1, 1].
+    phi = 4 * jnp.arctan(s / (1 + c))
+    phi = jnp.where(phi >= jnp.pi, -jnp.pi, phi)
+    lanes = []
+    for sign in (1.0, -1.0):
+        here = multiplicity > 0
+        if sign < 0:
+            here = here & ~flat
+        number = jnp.where(here, jnp.where(flat, 2 * multiplicity, multiplicity), jnp.int8(0)).astype(jnp.int8)
+        status = jnp.where(number > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))
+        q = sign * p
+        values = (q * c - h * s, q * s + h * c, phi)
+        lanes.append(
+            Lane(
+                values=tuple(jnp.where(here, value, jnp.nan) for value in values),
+                status=jnp.where(here, status, jnp.int8(Status.NO_REAL_SOLUTION)),
+                multiplicity=number,
+                residual=jnp.where(here, residual, jnp.nan),
+            )
+        )
+    return lanes[0], lanes[1]
+
+
+def count(geometry: Geometry, joints: tuple[Array, ...]) -> Count:
+    """Counts the assembly modes without finding one.
+
+    B2 - A2 = (B1 - A1) + c2 (cos phi - 1, sin phi), so by the triangle inequality a root of the cubic carries
+    real poses exactly if |rho1 - rho2| <= 2 |c2 S| <= rho1 + rho2. Sturm's chain counts the roots on these two arcs
+    from its signs at their four ends. There h = +-rho1, so the cubic is c2 S (rho3^2 - (2 g + h)^2): a form without
+    cancellation, which vanishes exactly on the surfaces Q1..Q4 of Wenger and Chablat 2009.
+    """
+    c2, c3, d3 = geometry
+    rho1, rho2, rho3 = joints
+    chain = cubics.sturm_chain(
+        characteristic_cubic(geometry, (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)),
+        TOLERANCES.undecided,
+    )
+    half = 0.5 / jnp.abs(c2)
+    near, far = jnp.abs(rho1 - rho2) * half, (rho1 + rho2) * half
+    turn = jnp.where(c2 < 0, -1.0, 1.0)
+    inner = jnp.where(rho2 >= rho1, rho1, -rho1) * turn
+    undecided = chain.undecided | (jnp.abs(near - 1) <= TOLERANCES.undecided)
+    variations = []
+    for sine, h in ((near, inner), (far, -rho1 * turn)):
+        s = jnp.minimum(sine, 1.0)
+        c = jnp.sqrt((1 - s) * (1 + s))
+        # A rounding of s moves c by as much divided by c.
+        slope = jnp.where(c < 1e-4, 3e-8 * jnp.abs(d3), 0.0)
+        for side in (1.0, -1.0):
+            reach = 2 * (side * c3 * s - d3 * c) + side * h
+            value = side * turn * (rho3 - reach) * (rho3 + reach)
+            scale = rho3 + rho1 + jnp.abs(c3) + jnp.abs(d3)
+            close = jnp.abs(jnp.abs(reach) - rho3) <= TOLERANCES.undecided * scale + slope
+            undecided = undecided | close & (sine <= 1)
+            variations.append(cubics.sign_variations(chain, value, side * s, c))
+    near_plus, near_minus, far_plus, far_minus = variations
+    between = (near_plus - far_plus) + (far_minus - near_minus)
+    through_infinity = jnp.where(chain.discriminant > 0, jnp.int8(3), jnp.int8(1)) - (near_minus - near_plus)
+    number = 2 * jnp.where(far >= 1, through_infinity, between)
+    number = jnp.where(near > 1, jnp.int8(0), number).astype(jnp.int8)
+    # With rho1 = 0 the two poses of a pair are one.
+    return Count(jnp.where(rho1 == 0, number // 2, number).astype(jnp.int8), undecided | (rho1 == 0))

@@ -1,0 +1,88 @@
+"""Compile rpr3.c with the machine's gcc and wrap it with ctypes."""
+
+import ctypes
+import shutil
+import subprocess
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+SOURCE = Path(__file__).with_name("rpr3.c")
+FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-fPIC")
+WIDE = ("-mprefer-vector-width=512",)
+
+_array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
+_bytes = np.ctypeslib.ndpointer(np.uint8, flags="C_CONTIGUOUS")
+_size, _real = ctypes.c_size_t, ctypes.c_double
+_FLAT = (_size, _real, _real, _real, _array, _array, _array)
+_GRID = (_size, _size, _real, _real, _real, _array, _real, _array, _bytes)
+_SIGNATURES = {
+    "count_cubic": (*_FLAT, _bytes),
+    "count_sturm": (*_FLAT, _bytes),
+    "branches_cubic": (*_FLAT, _array),
+    "count_grid_cubic": _GRID,
+    "count_grid_sturm": _GRID,
+}
+
+
+@dataclass(frozen=True)
+class Rpr3C:
+    """The compiled yardsticks. Arrays are contiguous; every method fills and returns `out`, which it makes if not given."""
+
+    library: ctypes.CDLL
+    flags: tuple[str, ...]
+
+    def _count(self, name: str, geometry: tuple[float, float, float], rho: tuple[np.ndarray, ...], out: np.ndarray | None) -> np.ndarray:
+        out = np.empty(rho[0].shape, np.uint8) if out is None else out
+        getattr(self.library, name)(rho[0].size, *geometry, *rho, out)
+        return out
+
+    def _grid(
+        self, name: str, geometry: tuple[float, float, float], rho1: np.ndarray, rho2: float, rho3: np.ndarray, out: np.ndarray | None
+    ) -> np.ndarray:
+        out = np.empty((rho1.size, rho3.size), np.uint8) if out is None else out
+        getattr(self.library, name)(rho1.size, rho3.size, *geometry, rho1, rho2, rho3, out)
+        return out
+
+    def count_cubic(self, c2, c3, d3, rho1, rho2, rho3, out=None) -> np.ndarray:
+        return self._count("count_cubic", (c2, c3, d3), (rho1, rho2, rho3), out)
+
+    def count_sturm(self, c2, c3, d3, rho1, rho2, rho3, out=None) -> np.ndarray:
+        return self._count("count_sturm", (c2, c3, d3), (rho1, rho2, rho3), out)
+
+    def count_grid_cubic(self, c2, c3, d3, rho1, rho2, rho3, out=None) -> np.ndarray:
+        return self._grid("count_grid_cubic", (c2, c3, d3), rho1, rho2, rho3, out)
+
+    def count_grid_sturm(self, c2, c3, d3, rho1, rho2, rho3, out=None) -> np.ndarray:
+        return self._grid("count_grid_sturm", (c2, c3, d3), rho1, rho2, rho3, out)
+
+    def branches_cubic(self, c2, c3, d3, rho1, rho2, rho3, out=None) -> np.ndarray:
+        """Poses as an array (6 lanes, (x, y, phi), n), NaN where there is none."""
+        out = np.empty((6, 3, rho1.size)) if out is None else out
+        self.library.branches_cubic(rho1.size, c2, c3, d3, rho1, rho2, rho3, out)
+        return out
+
+
+def load(extra: tuple[str, ...] = ()) -> Rpr3C | None:
+    """The compiled library, or None without a gcc that can build it. `extra=WIDE` asks for 512-bit vectors."""
+    gcc = shutil.which("gcc")
+    if gcc is None:
+        return None
+    flags = FLAGS + extra
+    with tempfile.TemporaryDirectory() as folder:
+        made, shared = f"{folder}/rpr3.o", f"{folder}/rpr3.so"
+        # Linking apart, without -ffast-math: with it, gcc adds start-up code that flushes denormals in the whole process.
+        link = [gcc, "-shared", made, "-o", shared]
+        try:
+            subprocess.run([gcc, *flags, "-c", str(SOURCE), "-o", made], check=True, capture_output=True)
+            if subprocess.run([*link, "-lmvec", "-lm"], capture_output=True).returncode:
+                subprocess.run([*link, "-lm"], check=True, capture_output=True)
+            library = ctypes.CDLL(shared)
+        except (OSError, subprocess.CalledProcessError):
+            return None
+    for name, arguments in _SIGNATURES.items():
+        function = getattr(library, name)
+        function.argtypes, function.restype = arguments, None
+    return Rpr3C(library, flags)

@@ -1,0 +1,1 @@
+"""Exact oracles: slow, independent answers against which the library is tested."""
