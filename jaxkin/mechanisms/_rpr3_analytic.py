@@ -16,6 +16,9 @@ References:
     0 or 2, three may carry 0, 2, 4 or 6.
 """
 
+import math
+from typing import NamedTuple
+
 import jax.numpy as jnp
 from jax import Array
 
@@ -47,75 +50,87 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     Lanes 2k and 2k + 1 hold the pair (+p, -p) of the k-th angle; pairs of real poses come first, by
     ascending phi in [-pi, pi); a double pose p = 0 fills the first lane of its pair.
     """
-    c2, c3, d3 = geometry
     rho1, rho2, rho3 = joints
     a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
     roots = cubics.real_roots(
         characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle
     )
-    r1 = rho1 * rho1
-    length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
+    keys = [jnp.where(_pair(geometry, rho1, a, b, u).square >= 0, u, cubics.NO_ROOT) for u in roots.quarters]
+    low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
+    middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
+    ordered = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last)
+    lanes: list[Lane] = []
+    for u in ordered:
+        times = jnp.where(u == roots.repeated, roots.times, jnp.int8(1))
+        lanes += _lanes(geometry, joints, _pair(geometry, rho1, a, b, u), u, times)
+    return tuple(lanes)
+
+
+class _Pair(NamedTuple):
+    """The poses (+p, -p) of one root: sine and cosine of phi / 2, the length h, and p^2 (NaN: no root)."""
+
+    s: Array
+    c: Array
+    h: Array
+    square: Array
+
+
+def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array) -> _Pair:
+    """Solves both lines for h in least squares, and the circle for p^2; 0 within its rounding."""
+    c2, c3, d3 = geometry
+    weight = 1 / (1 + u * u)
+    s, c = 2 * u * weight, (1 - u) * (1 + u) * weight
+    g, k = c3 * s - d3 * c, c2 * s
+    h = -(k * (4 * k * k + a) + g * (4 * g * g + b)) / (4 * (k * k + g * g))
+    square = (rho1 - h) * (rho1 + h)
+    # h is known to rounding times the geometry's size, so p^2 is known to this:
     slack = TOLERANCES.double_length**2
-    # A length h is known to rounding times the geometry's size, so p^2 is known to this.
-    blur = slack * (r1 + jnp.abs(rho1) * length + slack * length * length)
-
-    pairs = []
-    for s, c, multiplicity in zip(*roots, strict=True):
-        g, u = c3 * s - d3 * c, c2 * s
-        fourth, fifth = 4 * u * u + a, 4 * g * g + b
-        h = -(u * fourth + g * fifth) / (4 * (u * u + g * g))
-        square = r1 - h * h
-        flat = jnp.abs(square) <= blur
-        real = (multiplicity > 0) & (flat | (square > 0))
-        p = jnp.where(flat, 0.0, jnp.sqrt(jnp.maximum(square, 0.0)))
-        residual = jnp.maximum(
-            jnp.abs(4 * u * h + fourth) / (rho2 * rho2 + length * length),
-            jnp.abs(4 * g * h + fifth) / (rho3 * rho3 + length * length),
-        )
-        residual = jnp.maximum(residual, jnp.where(flat, jnp.abs(square) / (r1 + length * length), 0.0))
-        h, p = materialise(h, p)
-        pairs.append((jnp.where(real, s, 2.0), s, c, h, p, flat, jnp.where(real, multiplicity, jnp.int8(0)), residual))
-    pairs = [materialise(*pair) for pair in pairs]
-    _sort_three(pairs)
-    pairs = [materialise(*pair) for pair in pairs]
-    return tuple(lane for pair in pairs for lane in _lanes(*pair[1:]))
-
-
-def _sort_three(pairs: list) -> None:
-    """Sorts three records in place by their first entry, without branches."""
-    for i, j in ((0, 1), (1, 2), (0, 1)):
-        swap = pairs[i][0] > pairs[j][0]
-        pairs[i], pairs[j] = (
-            tuple(jnp.where(swap, y, x) for x, y in zip(pairs[i], pairs[j], strict=True)),
-            tuple(jnp.where(swap, x, y) for x, y in zip(pairs[i], pairs[j], strict=True)),
-        )
+    length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
+    blur = slack * (rho1 * rho1 + jnp.abs(rho1) * length + slack * length * length)
+    square = jnp.where(jnp.abs(square) <= blur, 0.0, square)
+    return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan))
 
 
 def _lanes(
-    s: Array, c: Array, h: Array, p: Array, flat: Array, multiplicity: Array, residual: Array
+    geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array
 ) -> tuple[Lane, Lane]:
-    """Turns one root into the lanes of +p and -p."""
-    # C >= 0, so that a second half angle keeps the arctangent's argument in [-1, 1].
-    phi = 4 * jnp.arctan(s / (1 + c))
-    phi = jnp.where(phi >= jnp.pi, -jnp.pi, phi)
+    """Turns one root into the lanes of +p and -p; they hold NaN exactly where p^2 is negative or NaN."""
+    s, c, h, square = pair
+    p = jnp.sqrt(square)
+    # 4 atan(u) can round to pi where u is just under 1.
+    phi = jnp.minimum(4 * jnp.arctan(u), _BELOW_PI)
+    residual = _residual(geometry, joints, pair)
     lanes = []
     for sign in (1.0, -1.0):
-        here = multiplicity > 0
-        if sign < 0:
-            here = here & ~flat
-        number = jnp.where(here, jnp.where(flat, 2 * multiplicity, multiplicity), jnp.int8(0)).astype(jnp.int8)
+        here = p >= 0 if sign > 0 else p > 0
+        number = jnp.where(here, jnp.where(p > 0, times, 2 * times), jnp.int8(0)).astype(jnp.int8)
         status = jnp.where(number > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))
-        q = sign * p
-        values = (q * c - h * s, q * s + h * c, phi)
+        q = jnp.where(here, sign * p, jnp.nan)
         lanes.append(
             Lane(
-                values=tuple(jnp.where(here, value, jnp.nan) for value in values),
+                values=(q * c - h * s, q * s + h * c, jnp.where(here, phi, jnp.nan)),
                 status=jnp.where(here, status, jnp.int8(Status.NO_REAL_SOLUTION)),
                 multiplicity=number,
                 residual=jnp.where(here, residual, jnp.nan),
             )
         )
     return lanes[0], lanes[1]
+
+
+_BELOW_PI = math.nextafter(math.pi, 0)
+
+
+def _residual(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair) -> Array:
+    """Returns the largest dimensionless residual of the three constraints; the same for +p and -p."""
+    c2, c3, d3 = geometry
+    rho1, rho2, rho3 = joints
+    s, c, h, square = pair
+    g, k = c3 * s - d3 * c, c2 * s
+    size = c2 * c2 + c3 * c3 + d3 * d3
+    first = jnp.where(square == 0, jnp.abs((rho1 - h) * (rho1 + h)), 0.0) / (rho1 * rho1 + size)
+    second = jnp.abs(4 * k * (h + k) + (rho1 - rho2) * (rho1 + rho2)) / (rho2 * rho2 + size)
+    third = jnp.abs(4 * g * (h + g) + (rho1 - rho3) * (rho1 + rho3)) / (rho3 * rho3 + size)
+    return jnp.maximum(first, jnp.maximum(second, third))
 
 
 def count(geometry: Geometry, joints: tuple[Array, ...]) -> Count:

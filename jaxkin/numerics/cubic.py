@@ -5,24 +5,31 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
+from jax.typing import ArrayLike
 
 from jaxkin.numerics.fusion import materialise
 
 Cubic = tuple[Array, Array, Array, Array]
 
+#: Larger than any quarter tangent, so that it sorts last; the two differ so that they never match.
+NO_ROOT = 2.0
+NO_REPETITION = 3.0
+
 
 class CubicRoots(NamedTuple):
-    """The real roots (S : C) of a binary cubic as unit vectors with C >= 0, up to three.
+    """The real roots of a binary cubic, by the quarter tangent u = S / (1 + C) in [-1, 1) with C >= 0.
+
+    One number a root, finite everywhere on the circle: S = 2u / (1 + u^2), C = (1 - u^2) / (1 + u^2).
 
     Attributes:
-        sine: S of each root.
-        cosine: C of each root.
-        multiplicity: 0 where there is no root, else how many roots coincide within the tolerance.
+        quarters: u of each root, in no particular order; ``NO_ROOT`` where there is none.
+        repeated: u of the double or triple root; ``NO_REPETITION`` where there is none.
+        times: Its multiplicity, 2 or 3, int8.
     """
 
-    sine: tuple[Array, Array, Array]
-    cosine: tuple[Array, Array, Array]
-    multiplicity: tuple[Array, Array, Array]
+    quarters: tuple[Array, Array, Array]
+    repeated: Array
+    times: Array
 
 
 def evaluate(cubic: Cubic, s: Array, c: Array) -> Array:
@@ -37,24 +44,29 @@ def _chart(cubic: Cubic) -> tuple[Cubic, Array, Array]:
     With (s0, c0) at infinity, S = t s0 - c0 and C = t c0 + s0. Three roots cannot lie near all four.
     """
     a3, a2, a1, a0 = cubic
-    diagonal = (a3 + a2 + a1 + a0, 3 * (a0 - a3) + a1 - a2, 3 * (a3 + a0) - a2 - a1, a0 - a3 + a2 - a1)
-    antidiagonal = (a3 - a2 + a1 - a0, 3 * (a3 + a0) - a2 - a1, 3 * (a3 - a0) + a2 - a1, diagonal[0])
-    one, zero = jnp.ones_like(a3), jnp.zeros_like(a3)
-    charts = (
-        (cubic, one, zero, 1.0),
-        ((a0, -a1, a2, -a3), zero, one, 1.0),
-        (diagonal, one, one, 8**-0.5),
-        (antidiagonal, one, -one, 8**-0.5),
+    up, down = a3 + a1, a2 + a0
+    sizes = (jnp.abs(a3), jnp.abs(a0), jnp.abs(up + down) * 8**-0.5, jnp.abs(up - down) * 8**-0.5)
+    straight, oblique = jnp.maximum(sizes[0], sizes[1]), jnp.maximum(sizes[2], sizes[3])
+    index = jnp.where(
+        straight >= oblique, jnp.where(sizes[0] >= sizes[1], 0.0, 1.0), jnp.where(sizes[2] >= sizes[3], 2.0, 3.0)
     )
-    best, s0, c0, weight = charts[0]
-    size = jnp.abs(best[0]) * weight
-    for candidate, s1, c1, weight in charts[1:]:
-        other = jnp.abs(candidate[0]) * weight
-        take = other > size
-        size = jnp.where(take, other, size)
-        best = tuple(jnp.where(take, new, old) for new, old in zip(candidate, best, strict=True))
-        s0, c0 = jnp.where(take, s1, s0), jnp.where(take, c1, c0)
-    return best, s0, c0  # type: ignore[return-value]
+    (index,) = materialise(index)
+    wide, skew = 3 * (a3 + a0) - a2 - a1, 3 * (a0 - a3) + a1 - a2
+
+    def pick(*choices: ArrayLike) -> Array:
+        return jnp.where(
+            index < 1.5,
+            jnp.where(index < 0.5, choices[0], choices[1]),
+            jnp.where(index < 2.5, choices[2], choices[3]),
+        )
+
+    chart = (
+        pick(a3, a0, up + down, up - down),
+        pick(a2, -a1, skew, wide),
+        pick(a1, a2, wide, -skew),
+        pick(a0, -a3, down - up, up + down),
+    )
+    return chart, pick(1.0, 0.0, 1.0, 1.0), pick(0.0, 1.0, 1.0, -1.0)
 
 
 def _rough_cbrt(x: Array) -> Array:
@@ -104,15 +116,12 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
         ``double_angle`` counts as a double root.
     """
     (b3, b2, b1, b0), s0, c0 = _chart(cubic)
-    b3, b2, b1, b0, s0, c0 = materialise(b3, b2, b1, b0, s0, c0)
-    inverse = 1.0 / jnp.where(b3 == 0, 1.0, b3)
-    b2, b1, b0 = b2 * inverse, b1 * inverse, b0 * inverse
+    safe = jnp.where(b3 == 0, 1.0, b3)
+    b2, b1, b0 = b2 / safe, b1 / safe, b0 / safe
     mean = -b2 / 3
     p = b1 - b2 * b2 / 3
     q = ((mean + b2) * mean + b1) * mean + b0
-    mean, p, q, s0, c0 = materialise(mean, p, q, s0, c0)
-    y = _isolated_root(p, q)
-    mean, p, y, s0, c0 = materialise(mean, p, y, s0, c0)
+    (y,) = materialise(_isolated_root(p, q))
     gap = -3 * y * y - 4 * p
 
     # An angle d at t is a length d (1 + t^2) / 2 on the chart's line.
@@ -123,26 +132,21 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
     double = jnp.abs(gap) <= (double_angle * pair_scale) ** 2 * crowding
     spread = triple_angle * (1 + mean * mean) / 2
     triple = (jnp.abs(y) <= spread) & (jnp.abs(gap) <= spread * spread)
-    three = gap > 0
     half = jnp.where(double, 0.0, jnp.sqrt(jnp.maximum(gap, 0.0)) / 2)
 
-    ts = (jnp.where(triple, mean, mean + y), pair_mean - half, pair_mean + half)
-    sine, cosine = [], []
-    for t in ts:
+    def quarter(t: Array) -> Array:
         s, c = t * s0 - c0, t * c0 + s0
-        norm = jax.lax.rsqrt(s * s + c * c)
-        norm = jnp.where((c < 0) | ((c == 0) & (s > 0)), -norm, norm)
-        sine.append(s * norm)
-        cosine.append(c * norm)
-    one, zero = jnp.int8(1), jnp.int8(0)
-    multiplicity = (
-        jnp.where(triple, jnp.int8(3), one),
-        jnp.where(triple, zero, jnp.where(double, jnp.int8(2), jnp.where(three, one, zero))),
-        jnp.where(triple | double, zero, jnp.where(three, one, zero)),
+        u = jnp.where(c < 0, -s, s) / (jnp.sqrt(s * s + c * c) + jnp.abs(c))
+        return jnp.where(u >= 1, -1.0, u)
+
+    alone = quarter(jnp.where(triple, mean, mean + y))
+    first, second = quarter(pair_mean - half), quarter(pair_mean + half)
+    pair = (double | (gap > 0)) & ~triple
+    return CubicRoots(
+        quarters=(alone, jnp.where(pair, first, NO_ROOT), jnp.where(pair & ~double, second, NO_ROOT)),
+        repeated=jnp.where(triple, alone, jnp.where(double, first, NO_REPETITION)),
+        times=jnp.where(triple, jnp.int8(3), jnp.int8(2)),
     )
-    flat = materialise(*sine, *cosine, *multiplicity)
-    sine, cosine, multiplicity = flat[:3], flat[3:6], flat[6:]
-    return CubicRoots(tuple(sine), tuple(cosine), multiplicity)  # type: ignore[arg-type]
 
 
 class SturmChain(NamedTuple):

@@ -55,7 +55,9 @@ if numba is not None:
                 n += _real(v0, v1, g0, g1, -co - si - b, 3 * a, A, B, square)
                 out[i] = n + _real(v0, v1, g0, g1, si - co - b, 3 * a, A, B, square)
 
-    def count_numba(c2: float, c3: float, d3: float, rho1: np.ndarray, rho2: np.ndarray, rho3: np.ndarray, out: np.ndarray | None = None) -> np.ndarray:
+    def count_numba(
+        c2: float, c3: float, d3: float, rho1: np.ndarray, rho2: np.ndarray, rho3: np.ndarray, out: np.ndarray | None = None
+    ) -> np.ndarray:
         """Number of real poses; the leg lengths are contiguous arrays. The first call compiles."""
         out = np.empty(rho1.shape, np.uint8) if out is None else out
         _count(c2, c3, d3, rho1, rho2, rho3, out)

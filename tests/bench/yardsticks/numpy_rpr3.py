@@ -48,11 +48,11 @@ def count_closed_form(c2: float, c3: float, d3: float, r1: np.ndarray, r2: np.nd
 
 
 _ANGLES = 2 * np.pi * np.arange(7) / 7
-# Half-angle polynomials of 1, cos j psi, sin j psi (j = 1, 2, 3) times (1 + t^2)^3, lowest power first: powers of (1 + i t)^2 / (1 + t^2).
 _DFT = np.vstack([np.ones(7) / 7] + [2 / 7 * f(j * _ANGLES) for j in (1, 2, 3) for f in (np.cos, np.sin)])
 
 
 def _to_half_angle() -> np.ndarray:
+    """From seven samples to coefficients in t = tan(psi/2), times (1 + t^2)^3, lowest power first: e^(i psi) = (1 + i t)^2 / (1 + t^2)."""
     one, z = np.array([1, 0, 1]), np.array([1, 2j, -1])
     rows = [np.polynomial.polynomial.polypow(one, 3)]
     for j in (1, 2, 3):

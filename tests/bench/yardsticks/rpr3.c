@@ -4,7 +4,7 @@
  *   4 c2 S g (c2 S - g) + A g - c2 S B = 0        (times S^2 + C^2 = 1)
  * for which h, from 4 u h + 4 u^2 + X = 0 with (u, X) = (c2 S, A) or (g, B), has h^2 < rho1^2; each such root carries two poses.
  *
- * gcc -O3 -march=native -ffast-math -fopenmp-simd -shared -fPIC rpr3.c -lmvec -lm */
+ * Meant for gcc -O3 -march=native -ffast-math -fopenmp-simd with libmvec, single thread; built by load.py. */
 #include <math.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -257,8 +257,8 @@ void count_grid_sturm(size_t n1, size_t n3, double c2, double c3, double d3, con
                 double M = b * b - 3 * a * k, n = b * k - 9 * a * e, disc = 4 * M * (k * k - 3 * b * e) - n * n, sg = copysign(1, a);
                 uint64_t v[2];
                 for (int q = 0; q < 2; q++) {
-                    double s = S[q], c = C[q], s2 = s * s, c2 = c * c;
-                    v[q] = variations(c * (b * s2 + e * c2), s * (a * s2 + k * c2), 3 * a * s2 + k * c2, 2 * s * c * b, c * (sg * n),
+                    double s = S[q], c = C[q], ss = s * s, cc = c * c;
+                    v[q] = variations(c * (b * ss + e * cc), s * (a * ss + k * cc), 3 * a * ss + k * cc, 2 * s * c * b, c * (sg * n),
                                       2 * s * (sg * M), sg * disc);
                 }
                 int64_t total = (int64_t)(v[0] - v[1]);
