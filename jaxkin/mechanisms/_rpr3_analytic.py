@@ -16,7 +16,6 @@ References:
     0 or 2, three may carry 0, 2, 4 or 6.
 """
 
-import math
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -27,6 +26,7 @@ from jaxkin.core.errors import Status
 from jaxkin.core.mechanism import Count
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.numerics import cubic as cubics
+from jaxkin.numerics import quarter
 from jaxkin.numerics.fusion import materialise
 
 Geometry = tuple[Array, Array, Array]
@@ -55,7 +55,7 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     roots = cubics.real_roots(
         characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle
     )
-    keys = [jnp.where(_pair(geometry, rho1, a, b, u).square >= 0, u, cubics.NO_ROOT) for u in roots.quarters]
+    keys = [jnp.where(_pair(geometry, rho1, a, b, u).square >= 0, u, quarter.NO_ANGLE) for u in roots.quarters]
     low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
     ordered = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last)
@@ -78,8 +78,7 @@ class _Pair(NamedTuple):
 def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array) -> _Pair:
     """Solves both lines for h in least squares, and the circle for p^2; 0 within its rounding."""
     c2, c3, d3 = geometry
-    weight = 1 / (1 + u * u)
-    s, c = 2 * u * weight, (1 - u) * (1 + u) * weight
+    s, c = quarter.half_angle(u)
     g, k = c3 * s - d3 * c, c2 * s
     h = -(k * (4 * k * k + a) + g * (4 * g * g + b)) / (4 * (k * k + g * g))
     square = (rho1 - h) * (rho1 + h)
@@ -97,8 +96,7 @@ def _lanes(
     """Turns one root into the lanes of +p and -p; they hold NaN exactly where p^2 is negative or NaN."""
     s, c, h, square = pair
     p = jnp.sqrt(square)
-    # 4 atan(u) can round to pi where u is just under 1.
-    phi = jnp.minimum(4 * jnp.arctan(u), _BELOW_PI)
+    phi = quarter.angle(u)
     residual = _residual(geometry, joints, pair)
     lanes = []
     for sign in (1.0, -1.0):
@@ -115,9 +113,6 @@ def _lanes(
             )
         )
     return lanes[0], lanes[1]
-
-
-_BELOW_PI = math.nextafter(math.pi, 0)
 
 
 def _residual(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair) -> Array:

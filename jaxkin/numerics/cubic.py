@@ -8,22 +8,20 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.quarter import NO_ANGLE, from_half_angle
 
 Cubic = tuple[Array, Array, Array, Array]
 
-#: Larger than any quarter tangent, so that it sorts last; the two differ so that they never match.
-NO_ROOT = 2.0
+#: Matches no quarter tangent, and not the mark of a missing root either.
 NO_REPETITION = 3.0
 
 
 class CubicRoots(NamedTuple):
-    """The real roots of a binary cubic, by the quarter tangent u = S / (1 + C) in [-1, 1) with C >= 0.
-
-    One number a root, finite everywhere on the circle: S = 2u / (1 + u^2), C = (1 - u^2) / (1 + u^2).
+    """The real roots (S : C) = (sin phi/2 : cos phi/2) of a binary cubic, as quarter tangents of phi.
 
     Attributes:
-        quarters: u of each root, in no particular order; ``NO_ROOT`` where there is none.
-        repeated: u of the double or triple root; ``NO_REPETITION`` where there is none.
+        quarters: tan(phi/4) of each root, in no particular order; ``NO_ANGLE`` where there is none.
+        repeated: tan(phi/4) of the double or triple root; ``NO_REPETITION`` where there is none.
         times: Its multiplicity, 2 or 3, int8.
     """
 
@@ -135,15 +133,13 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
     half = jnp.where(double, 0.0, jnp.sqrt(jnp.maximum(gap, 0.0)) / 2)
 
     def quarter(t: Array) -> Array:
-        s, c = t * s0 - c0, t * c0 + s0
-        u = jnp.where(c < 0, -s, s) / (jnp.sqrt(s * s + c * c) + jnp.abs(c))
-        return jnp.where(u >= 1, -1.0, u)
+        return from_half_angle(t * s0 - c0, t * c0 + s0)
 
     alone = quarter(jnp.where(triple, mean, mean + y))
     first, second = quarter(pair_mean - half), quarter(pair_mean + half)
     pair = (double | (gap > 0)) & ~triple
     return CubicRoots(
-        quarters=(alone, jnp.where(pair, first, NO_ROOT), jnp.where(pair & ~double, second, NO_ROOT)),
+        quarters=(alone, jnp.where(pair, first, NO_ANGLE), jnp.where(pair & ~double, second, NO_ANGLE)),
         repeated=jnp.where(triple, alone, jnp.where(double, first, NO_REPETITION)),
         times=jnp.where(triple, jnp.int8(3), jnp.int8(2)),
     )
