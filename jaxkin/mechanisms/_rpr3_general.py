@@ -33,10 +33,6 @@ Points = tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]
 _LANES = 6
 #: How many careful samples are solved together.
 _CAREFUL_BLOCK = 8
-#: Two roots (real or complex) nearer than this angle, or a critical value under this share of the maximum, send a
-#: sample to the careful pass: there the fast pass might misjudge a sign.
-_NEAR_ANGLE = 1e-3
-_NEAR_VALUE = 1e-11
 
 
 class _Robot(NamedTuple):
@@ -240,8 +236,7 @@ def _fast(robot: _Robot, rho: Array) -> tuple[_Solved, Array]:
     # Neighbours in one place; over the seam at phi = pi the critical value alone tells.
     apart = sum(jnp.abs(value[1:] - value[:-1]) for value in state)
     twin = real[1:] & (apart < 1e-6)
-    near = (roots.gap < _NEAR_ANGLE) | (roots.closeness < _NEAR_VALUE)
-    suspicious = jnp.any(bad, axis=0) | jnp.any(twin, axis=0) | jnp.any(near, axis=0) | roots.vanishes
+    suspicious = jnp.any(bad, axis=0) | jnp.any(twin, axis=0) | roots.doubtful
     one, none = jnp.int8(1), jnp.int8(0)
     solved = _Solved(
         state.x,

@@ -48,6 +48,7 @@ class SexticRoots(NamedTuple):
             choice; a place where nothing happens if there are fewer.
         closeness: ``(5, n)`` size of the polynomial there, as a share of its maximum.
         gap: ``(5, n)`` angle between the two roots that the parabola there has, real or complex.
+        doubtful: ``(n,)`` True where roots nearly meet, so that the signs that bracket them could be misjudged.
         vanishes: ``(n,)`` True where the polynomial is zero to rounding everywhere.
     """
 
@@ -55,6 +56,7 @@ class SexticRoots(NamedTuple):
     critical: Array
     closeness: Array
     gap: Array
+    doubtful: Array
     vanishes: Array
 
 
@@ -133,6 +135,15 @@ def _root_between(chain: list[list[Array]], low: Array, high: Array, halvings: i
 _TINY = float(np.finfo(float).tiny)
 
 
+#: Roots nearer than this angle, or a critical value under this share of the maximum, are doubtful,
+_NEAR_ANGLE = 1e-3
+_NEAR_VALUE = 1e-11
+#: or a critical value that the inexactness of its place could change by this share,
+_BLUR = 0.1
+#: or two critical points nearer than this angle where the value is under this share of the maximum.
+_CROWDED_ANGLE = 0.02
+_CROWDED_VALUE = 1e-4
+
 #: (halvings, Cauchy steps) for the critical points of each level and for the roots.
 FAST = ((5, 2), (6, 3))
 CAREFUL = ((8, 12), (8, 12))
@@ -164,10 +175,12 @@ def real_roots(
     while len(chain[-1]) > 1:
         chain.append([k * c for k, c in enumerate(chain[-1])][1:])
     borders: tuple[Array, ...] = ()
+    inflections: list[Array] = []
     ends = jnp.full_like(scale, -RANGE), jnp.full_like(scale, RANGE)
     points = _quadratic_roots(*chain[4])
     for level in (3, 2, 1, 0):
         halvings, steps = effort[level == 0]
+        inflections = points if level == 1 else inflections
         borders = (ends[0], *points, ends[1])
         points = [
             _root_between(chain[level:], low, high, halvings, steps)
@@ -182,12 +195,30 @@ def real_roots(
         for t, left, right in zip(points, negative[:-1], negative[1:], strict=True)
     ]
     critical = jnp.stack(borders[1:-1])
-    value = _horner(chain[0], critical)
-    width = 1 + critical * critical
-    closeness = jnp.abs(value) / width**3
-    curvature = jnp.abs(_horner(chain[2], critical))
-    gap = 4 * jnp.sqrt(2 * jnp.abs(value) / (curvature + _TINY)) / width
-    return SexticRoots(_sorted(quarters), quarter(critical), closeness, gap, vanishes)
+    closeness, gap, blur = _meeting(chain, critical)
+    crossing = [_horner(chain[1], t) < 0 for t in (ends[0], *inflections, ends[1])]
+    turning = jnp.stack([left != right for left, right in zip(crossing[:-1], crossing[1:], strict=True)])
+    doubtful = turning & ((gap < _NEAR_ANGLE) | (closeness < _NEAR_VALUE) | (blur > _BLUR * closeness))
+    # Two critical points that meet could both be missed; it matters where the value is small as well.
+    flat = jnp.stack(inflections)
+    _, flat_gap, _ = _meeting(chain[1:], flat)
+    crowded = (flat_gap < _CROWDED_ANGLE) & (_meeting(chain, flat)[0] < _CROWDED_VALUE)
+    doubtful = jnp.any(doubtful, axis=0) | jnp.any(crowded, axis=0) | vanishes
+    return SexticRoots(_sorted(quarters), quarter(critical), closeness, gap, doubtful, vanishes)
+
+
+def _meeting(chain: list[list[Array]], t: Array) -> tuple[Array, Array, Array]:
+    """Tells how nearly two roots of chain[0] meet at its critical point t.
+
+    Returns:
+        The value as a share of the maximum, the angle between the roots of the parabola there, and the
+        error of the value that the inexactness of t leaves.
+    """
+    value, slope, curvature = (_horner(c, t) for c in chain[:3])
+    width = 1 + t * t
+    inverse = 1 / (jnp.abs(curvature) + _TINY)
+    gap = 4 * jnp.sqrt(2 * jnp.abs(value) * inverse) / width
+    return jnp.abs(value) / width**3, gap, 0.5 * slope * slope * inverse / width**3
 
 
 def _sorted(values: list[Array]) -> Array:
