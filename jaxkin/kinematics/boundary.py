@@ -1,0 +1,45 @@
+"""What every public entry point checks before a kernel sees its arguments."""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxkin.core.errors import InputError
+from jaxkin.core.mechanism import Axis, Mechanism
+from jaxkin.core.precision import require_x64
+
+
+def checked_mechanism(who: str, robot: Mechanism) -> None:
+    """Raises unless float64 is on and ``robot`` is a mechanism."""
+    require_x64(who)
+    if not isinstance(robot, Mechanism):
+        raise InputError(
+            f"{who} got a {type(robot).__name__} as its mechanism: pass a jaxkin.Mechanism first, for instance "
+            "jk.mechanisms.rpr3.reference()."
+        )
+
+
+def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]) -> Array:
+    """Returns one configuration as a float64 vector.
+
+    Raises:
+        InputError: Not numbers, or not of shape ``(len(axes),)``; a batch is told of ``jax.vmap``.
+    """
+    names = ", ".join(axis.name for axis in axes)
+    try:
+        array = value if isinstance(value, jax.core.Tracer) else jnp.asarray(value)
+        array = jnp.asarray(array, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} numbers ({names}).") from error
+    if array.shape != (len(axes),):
+        remedy = ""
+        if array.ndim > 1 and array.shape[-1] == len(axes):
+            remedy = f" For a batch use jax.vmap({who}, in_axes=(None, 0))."
+        raise InputError(f"{who}: {what} has shape {array.shape}; it must be ({len(axes)},) for ({names}).{remedy}")
+    return array
+
+
+def as_tuple(vector: Array) -> tuple[Array, ...]:
+    """Returns the entries of a vector as scalars, the form that hot kernels take."""
+    return tuple(vector[k] for k in range(vector.shape[0]))

@@ -1,0 +1,184 @@
+"""Inverse and forward kinematics: kernels, guarded by statuses, with derivatives attached."""
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+
+from jaxkin.core.branches import Branches, Lane, stack_lanes
+from jaxkin.core.errors import Status
+from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
+from jaxkin.kinematics.boundary import as_tuple, checked_mechanism, checked_vector
+from jaxkin.numerics import newton
+from jaxkin.numerics.implicit import attach_derivatives
+
+
+def inverse(robot: Mechanism, pose: ArrayLike) -> Branches:
+    """Finds all joint values of a pose (the working modes).
+
+    Args:
+        robot: The mechanism.
+        pose: ``(n_pose,)``; use ``jax.vmap`` for many.
+
+    Returns:
+        ``Branches`` with ``values`` ``(n_branch, n_joint)``. Solutions outside the joint limits are not
+        valid and have the status OUTSIDE_LIMITS.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: The pose is not ``n_pose`` numbers.
+
+    Valid, non-singular branches can be differentiated with respect to pose and geometry, forward and
+    reverse, to any order. At a singular branch no derivative exists: forward mode gives NaN, reverse mode zero.
+    """
+    checked_mechanism("jk.inverse", robot)
+    return _inverse(robot, checked_vector("jk.inverse", "the pose", pose, robot.pose_axes))
+
+
+def forward(robot: Mechanism, joints: ArrayLike) -> Branches:
+    """Finds all poses of given joint values (the assembly modes).
+
+    Args:
+        robot: The mechanism.
+        joints: ``(n_joint,)``; use ``jax.vmap`` for many.
+
+    Returns:
+        ``Branches`` with ``values`` ``(n_branch, n_pose)``, real solutions first, angles in [-pi, pi). For the
+        3-RPR the lanes ascend in phi. Joints outside the limits have no solution and the status OUTSIDE_LIMITS.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: The joints are not ``n_joint`` numbers.
+
+    Valid, non-singular branches can be differentiated with respect to joints and geometry, forward and
+    reverse, to any order. At a singular branch no derivative exists: forward mode gives NaN, reverse mode zero.
+    """
+    checked_mechanism("jk.forward", robot)
+    return _forward(robot, checked_vector("jk.forward", "the joints", joints, robot.joint_axes))
+
+
+def forward_lanes(robot: Mechanism, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
+    """Solves the forward problem elementwise over arrays, statuses included (no derivatives)."""
+    if robot.forward_kernel is not None:
+        lanes = robot.forward_kernel(joints)
+    else:
+        lanes = _by_search(robot, joints, robot.joint_axes, robot.pose_axes, False)
+    outside = ~inside_limits(robot, joints)
+    return tuple(_masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, joints)) for lane in lanes)
+
+
+def inverse_lanes(robot: Mechanism, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
+    """Solves the inverse problem elementwise over arrays, statuses included (no derivatives)."""
+    if robot.inverse_kernel is not None:
+        lanes = robot.inverse_kernel(pose)
+    else:
+        lanes = _by_search(robot, pose, robot.pose_axes, robot.joint_axes, True)
+    masked = []
+    for lane in lanes:
+        outside = (lane.multiplicity > 0) & ~inside_limits(robot, lane.values)
+        masked.append(_masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, pose)))
+    return tuple(masked)
+
+
+def inside_limits(robot: Mechanism, joints: tuple[Array, ...]) -> Array:
+    """True where every joint is within its limits (inclusive)."""
+    limits = robot.limit_values()
+    inside = jnp.asarray(True)
+    for k, value in enumerate(joints):
+        inside = inside & (value >= limits.low[k]) & (value <= limits.high[k])
+    return inside
+
+
+def _nothing_to_say(robot: Mechanism, given: tuple[Array, ...]) -> tuple[Array, Array]:
+    """Returns where the input or the geometry is bad, and the status that says which."""
+    finite = jnp.asarray(True)
+    for value in given:
+        finite = finite & jnp.isfinite(value)
+    geometry = robot.geometry_ok()
+    return ~(finite & geometry), jnp.where(geometry, Status.INVALID_INPUT, Status.INVALID_GEOMETRY)
+
+
+def _masked(lane: Lane, where: Array, status: Array | Status) -> Lane:
+    return Lane(
+        values=tuple(jnp.where(where, jnp.nan, value) for value in lane.values),
+        status=jnp.where(where, jnp.asarray(status, jnp.int8), lane.status),
+        multiplicity=jnp.where(where, jnp.int8(0), lane.multiplicity),
+        residual=jnp.where(where, jnp.nan, lane.residual),
+    )
+
+
+def _by_search(
+    robot: Mechanism, given: tuple[Array, ...], known: tuple[Axis, ...], sought: tuple[Axis, ...], joints: bool
+) -> tuple[Lane, ...]:
+    """Searches solutions where the mechanism has no closed form; completeness stays unknown."""
+    shape = jnp.broadcast_shapes(*(jnp.shape(value) for value in given))
+    flat = jnp.stack([jnp.broadcast_to(value, shape).reshape(-1) for value in given], axis=-1)
+    length = robot.characteristic_length()
+    unit = scale_vector(sought, length)
+    lengths = jnp.array([not axis.is_angle for axis in known])
+
+    def one(vector: Array) -> tuple[Array, Array, Array, Array]:
+        vector = jnp.where(jnp.isfinite(vector), vector, 1.0)
+        # No solution lies farther out than the known lengths and the size of the mechanism together.
+        reach = 2 * (1 + jnp.max(jnp.abs(vector), where=lengths, initial=0.0) / length)
+        low = jnp.array([axis.low for axis in sought]) / unit
+        high = jnp.array([axis.high for axis in sought]) / unit
+        low, high = jnp.where(jnp.isfinite(low), low, -reach), jnp.where(jnp.isfinite(high), high, reach)
+
+        def function(x: Array) -> Array:
+            pose, q = (vector, x * unit) if joints else (x * unit, vector)
+            return robot.constraints(pose, q) / scale
+
+        middle = 0.5 * (low + high) * unit
+        pose, q = (vector, middle) if joints else (middle, vector)
+        scale = robot.constraint_scales(pose, q)
+        period = jnp.array([jnp.inf if axis.period is None else axis.period for axis in sought])
+        found = newton.search(function, low, high, period, robot.max_branches)
+        return found.x * unit, found.exists, found.residual, found.singular
+
+    x, exists, residual, singular = jax.lax.map(one, flat)
+    lanes = []
+    for k in range(robot.max_branches):
+        here, double = exists[:, k].reshape(shape), singular[:, k].reshape(shape)
+        status = jnp.where(here & double, jnp.int8(Status.SINGULAR), jnp.int8(Status.COMPLETENESS_UNKNOWN))
+        number = jnp.where(here, jnp.where(double, jnp.int8(2), jnp.int8(1)), jnp.int8(0))
+        lanes.append(
+            Lane(
+                values=tuple(jnp.where(here, x[:, k, i].reshape(shape), jnp.nan) for i in range(len(sought))),
+                status=status,
+                multiplicity=number,
+                residual=jnp.where(here, residual[:, k].reshape(shape), jnp.nan),
+            )
+        )
+    return tuple(lanes)
+
+
+def _pose_residual(pose: Array, theta: tuple[Mechanism, Array]) -> Array:
+    robot, joints = theta
+    return robot.constraints(pose, joints)
+
+
+def _joint_residual(joints: Array, theta: tuple[Mechanism, Array]) -> Array:
+    robot, pose = theta
+    return robot.constraints(pose, joints)
+
+
+@jax.jit
+def _forward(robot: Mechanism, joints: Array) -> Branches:
+    still = jax.lax.stop_gradient((robot, joints))
+    return _with_derivatives(_pose_residual, stack_lanes(forward_lanes(still[0], as_tuple(still[1]))), robot, joints)
+
+
+@jax.jit
+def _inverse(robot: Mechanism, pose: Array) -> Branches:
+    still = jax.lax.stop_gradient((robot, pose))
+    return _with_derivatives(_joint_residual, stack_lanes(inverse_lanes(still[0], as_tuple(still[1]))), robot, pose)
+
+
+def _with_derivatives(residual, branches: Branches, robot: Mechanism, given: Array) -> Branches:  # noqa: ANN001
+    regular = branches.valid & (branches.status != Status.SINGULAR)
+    given = jnp.where(jnp.isfinite(given), given, 1.0)
+    values = jax.vmap(lambda x, ok, here: attach_derivatives(residual, x, (robot, given), ok, here))(
+        branches.values, regular, branches.valid
+    )
+    return Branches(values, branches.valid, branches.status, branches.multiplicity, branches.residual)

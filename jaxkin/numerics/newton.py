@@ -1,0 +1,94 @@
+"""A search for all solutions of a small square system from many starts."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+
+class Found(NamedTuple):
+    """Distinct solutions, those that exist first.
+
+    Attributes:
+        x: ``(lanes, n)``.
+        exists: ``(lanes,)``.
+        residual: ``(lanes,)``.
+        singular: ``(lanes,)`` True where the Jacobian is nearly singular.
+    """
+
+    x: Array
+    exists: Array
+    residual: Array
+    singular: Array
+
+
+def lattice(starts: int, dimension: int) -> np.ndarray:
+    """Returns points of an additive-recurrence lattice in the unit cube, ``(starts, dimension)``.
+
+    The generator is the positive root of g^(dimension + 1) = g + 1, whose powers are far from rational.
+    """
+    g = 1.5
+    for _ in range(60):
+        g = (1 + g) ** (1 / (dimension + 1))
+    return (0.5 + np.outer(np.arange(1, starts + 1), g ** -np.arange(1.0, dimension + 1))) % 1.0
+
+
+def search(
+    function: Callable[[Array], Array],
+    low: Array,
+    high: Array,
+    period: Array,
+    lanes: int,
+    *,
+    starts: int = 256,
+    steps: int = 60,
+    residual_tolerance: float = 1e-12,
+    distance: float = 1e-6,
+) -> Found:
+    """Searches the solutions of function(x) = 0, ``(n,) -> (n,)``, with residuals and unknowns of order one.
+
+    Levenberg-Marquardt steps from a lattice of starts, then Newton steps; what agrees within ``distance``
+    (glued by ``period``, inf where there is none) is one solution. Nothing proves that all were found.
+    """
+    n = len(low)
+    x = low + (high - low) * jnp.asarray(lattice(starts, n))
+    jacobian = jax.jacfwd(function)
+    eye = jnp.eye(n)
+
+    def descend(x: Array) -> Array:
+        def step(_: Array, carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
+            x, f, j, damping = carry
+            gradient = j.T @ f
+            trial = x - jnp.linalg.solve(j.T @ j + damping * eye, gradient)
+            f_trial = function(trial)
+            better = jnp.sum(f_trial**2) < jnp.sum(f**2)
+            damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 5), 1e-14, 1e6)
+            x, f = jnp.where(better, trial, x), jnp.where(better, f_trial, f)
+            return x, f, jacobian(x), damping
+
+        f = function(x)
+        return jax.lax.fori_loop(0, steps, step, (x, f, jacobian(x), jnp.asarray(1e-2)))[0]
+
+    def polish(x: Array) -> Array:
+        move = jnp.linalg.solve(jacobian(x), function(x))
+        return jnp.where(jnp.all(jnp.abs(move) < 1e-3), x - move, x)
+
+    x = jax.vmap(lambda x: polish(polish(descend(x))))(x)
+    wraps = jnp.isfinite(period)
+    turn = jnp.where(wraps, period, 1.0)
+    x = jnp.where(wraps, (x - low) % turn + low, x)
+    residual = jax.vmap(lambda x: jnp.max(jnp.abs(function(x))))(x)
+    good = residual <= residual_tolerance
+    gap = jnp.abs(x[:, None] - x[None])
+    gap = jnp.max(jnp.where(wraps, jnp.minimum(gap, turn - gap), gap), axis=-1)
+    earlier = jnp.arange(starts)[None, :] < jnp.arange(starts)[:, None]
+    # The first good start of each cluster stands for it; clusters are far wider apart than `distance`.
+    first = good & ~jnp.any(earlier & good[None, :] & (gap < distance), axis=1)
+    keys = jnp.where(first, 0, 1)
+    order = jnp.lexsort((*(x[:, k] for k in range(n - 1)), x[:, n - 1], keys))[:lanes]
+    x, exists, residual = x[order], first[order], residual[order]
+    smallest = jax.vmap(lambda x: jnp.linalg.svd(jacobian(x), compute_uv=False)[-1])(x)
+    return Found(x, exists, residual, smallest < 1e-6)
