@@ -1,0 +1,5 @@
+"""One file a robot: constants, equations, closed forms, source. ``catalogue`` lists them by id."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["rpr3", "catalogue"])

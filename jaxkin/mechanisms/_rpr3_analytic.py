@@ -164,6 +164,4 @@ def count(geometry: Geometry, joints: tuple[Array, ...]) -> Count:
     between = (near_plus - far_plus) + (far_minus - near_minus)
     through_infinity = jnp.where(chain.discriminant > 0, jnp.int8(3), jnp.int8(1)) - (near_minus - near_plus)
     number = 2 * jnp.where(far >= 1, through_infinity, between)
-    number = jnp.where(near > 1, jnp.int8(0), number).astype(jnp.int8)
-    # With rho1 = 0 the two poses of a pair are one.
-    return Count(jnp.where(rho1 == 0, number // 2, number).astype(jnp.int8), undecided | (rho1 == 0))
+    return Count(jnp.where(near > 1, jnp.int8(0), number).astype(jnp.int8), undecided)

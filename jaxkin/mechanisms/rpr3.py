@@ -24,6 +24,7 @@ from jaxkin.core.errors import GeometryError, Status
 from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechanism
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general
+from jaxkin.mechanisms.catalogue import CATALOGUE
 
 Point = tuple[Array, Array]
 
@@ -316,9 +317,7 @@ def reference(limits: Limits | None = None) -> GeneralRPR3:
     Base (0, 0), (15.91, 0), (0, 10); platform sides 17.04, 16.54, 20.84, B3 counter-clockwise from B1B2. The
     angle that circulates as 0.8822603 moves the poses by up to 0.02; it is computed from the sides here.
     """
-    side12, side23, side13 = 17.04, 16.54, 20.84
-    beta = np.arccos((side12**2 + side13**2 - side23**2) / (2 * side12 * side13))
-    return general(c2=15.91, c3=0.0, d3=10.0, l2=side12, l3=side13, beta=beta, limits=limits)
+    return general(**CATALOGUE["rpr3"].geometry, limits=limits)
 
 
 def _batch_limits(limits: Limits | None, leaf: Array) -> Limits:

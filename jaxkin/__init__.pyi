@@ -1,0 +1,31 @@
+from . import mechanisms as mechanisms
+from . import plot as plot
+from .core.branches import Branches as Branches
+from .core.errors import GeometryError as GeometryError
+from .core.errors import InputError as InputError
+from .core.errors import JaxkinError as JaxkinError
+from .core.errors import PrecisionError as PrecisionError
+from .core.errors import Status as Status
+from .core.errors import StoreError as StoreError
+from .core.errors import SweepInterrupted as SweepInterrupted
+from .core.mechanism import Axis as Axis
+from .core.mechanism import Limits as Limits
+from .core.mechanism import Mechanism as Mechanism
+from .core.mechanism import angle as angle
+from .core.mechanism import mechanism as mechanism
+from .core.precision import TOLERANCES as TOLERANCES
+from .core.precision import enable_x64 as enable_x64
+from .kinematics.jacobian import Jacobians as Jacobians
+from .kinematics.jacobian import constraints as constraints
+from .kinematics.jacobian import jacobians as jacobians
+from .kinematics.jacobian import margins as margins
+from .kinematics.singularity import Conditioning as Conditioning
+from .kinematics.singularity import conditioning as conditioning
+from .kinematics.solve import forward as forward
+from .kinematics.solve import inverse as inverse
+from .sweep import fields as fields
+from .sweep.engine import sweep as sweep
+from .sweep.fields import Field as Field
+from .sweep.grid import Grid as Grid
+
+__version__: str

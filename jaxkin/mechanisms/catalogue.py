@@ -1,0 +1,71 @@
+"""The mechanisms that the command line knows; imports JAX only when one is made."""
+
+import difflib
+import importlib
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from jaxkin.core.errors import InputError
+
+if TYPE_CHECKING:
+    from jaxkin.core.mechanism import Mechanism
+
+
+@dataclass(frozen=True)
+class Entry:
+    """How to make one mechanism.
+
+    Attributes:
+        title: One line for a person.
+        module: Module with the constructor.
+        constructor: Its name.
+        geometry: Default geometry, the source's example.
+        source: Where it comes from.
+    """
+
+    title: str
+    module: str
+    constructor: str
+    geometry: dict[str, float]
+    source: str
+
+
+_SIDES = (17.04, 16.54, 20.84)
+_BETA = math.acos((_SIDES[0] ** 2 + _SIDES[2] ** 2 - _SIDES[1] ** 2) / (2 * _SIDES[0] * _SIDES[2]))
+
+CATALOGUE: dict[str, Entry] = {
+    "rpr3-analytic": Entry(
+        title="planar 3-RPR, analytic family (platform = mirrored base)",
+        module="jaxkin.mechanisms.rpr3",
+        constructor="analytic",
+        geometry={"c2": 1.0, "c3": 0.0, "d3": 1.0},
+        source="Wenger and Chablat 2009",
+    ),
+    "rpr3": Entry(
+        title="planar 3-RPR, any geometry; by default the field's reference geometry",
+        module="jaxkin.mechanisms.rpr3",
+        constructor="general",
+        geometry={"c2": 15.91, "c3": 0.0, "d3": 10.0, "l2": _SIDES[0], "l3": _SIDES[2], "beta": _BETA},
+        source="Innocenti and Parenti-Castelli 1998",
+    ),
+}
+
+
+def create(name: str, **changes: float) -> "Mechanism":
+    """Makes a mechanism of the catalogue, with some of its geometry changed.
+
+    Raises:
+        InputError: The mechanism or a name of its geometry is unknown.
+        GeometryError: The geometry is degenerate.
+    """
+    if name not in CATALOGUE:
+        close = difflib.get_close_matches(name, CATALOGUE, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else "."
+        raise InputError(f"There is no mechanism {name!r}: choose one of {', '.join(CATALOGUE)}{hint}")
+    entry = CATALOGUE[name]
+    for key in changes:
+        if key not in entry.geometry:
+            raise InputError(f"Mechanism {name!r} has no geometry {key!r}: choose among {', '.join(entry.geometry)}.")
+    constructor = getattr(importlib.import_module(entry.module), entry.constructor)
+    return constructor(**{**entry.geometry, **changes})

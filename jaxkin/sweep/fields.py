@@ -1,0 +1,335 @@
+"""Fields: what can be mapped over a grid. A field is a record; ``sweep`` is the only loop."""
+
+import difflib
+import hashlib
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.core.errors import InputError, Status
+from jaxkin.core.mechanism import Axis, Mechanism
+from jaxkin.kinematics.singularity import raw_conditioning
+from jaxkin.kinematics.solve import forward_lanes, inside_limits, inverse_lanes
+
+Coordinates = tuple[Array, ...]
+
+
+@dataclass(frozen=True)
+class Variable:
+    """One array of a field's result.
+
+    Attributes:
+        name: Name in the dataset.
+        dtype: NumPy dtype.
+        unit: Unit, "1" for pure numbers.
+        long_name: For axis labels.
+        dims: Leading dimensions besides the grid's, each with its labels.
+        missing: Value of samples that were not computed.
+        attrs: Further attributes.
+    """
+
+    name: str
+    dtype: str
+    unit: str
+    long_name: str
+    dims: tuple[tuple[str, tuple[Any, ...]], ...] = ()
+    missing: Any = np.nan
+    attrs: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def lead(self) -> tuple[int, ...]:
+        """Sizes of the leading dimensions."""
+        return tuple(len(labels) for _, labels in self.dims)
+
+
+@dataclass(frozen=True)
+class Field:
+    """A quantity that can be swept.
+
+    Attributes:
+        name: Name of the field and of its main variable.
+        domain: ``"joints"`` or ``"pose"``.
+        variables: Mechanism -> its variables; the first bears the field's name.
+        kernel: (mechanism, coordinates) -> one flat tuple of arrays, elementwise over the coordinates: for
+            every variable in order, one array per combination of its leading dimensions.
+        block: Mechanism -> samples that one call should take, so that its temporaries stay in cache.
+        packed: Turns the flat tuple of arrays that a call returned into that of the variables.
+        version: Raise it when the kernel changes its numbers.
+    """
+
+    name: str
+    domain: str
+    variables: Callable[[Mechanism], tuple[Variable, ...]]
+    kernel: Callable[[Mechanism, Coordinates], tuple[Array, ...]]
+    block: Callable[[Mechanism], int] = lambda robot: 1 << 14
+    unpack: Callable[[tuple[np.ndarray, ...]], tuple[np.ndarray, ...]] = lambda arrays: arrays
+    version: str = "1"
+
+    def axes(self, robot: Mechanism) -> tuple[Axis, ...]:
+        """Returns the mechanism's axes of this field's domain."""
+        return robot.joint_axes if self.domain == "joints" else robot.pose_axes
+
+
+_UNDECIDED_BIT = 0x80
+
+
+def _count_kernel(robot: Mechanism, joints: Coordinates) -> tuple[Array, ...]:
+    if robot.count_kernel is not None:
+        number, undecided = robot.count_kernel(joints)
+        inside = inside_limits(robot, joints)
+        number, undecided = jnp.where(inside, number, 0), undecided & inside
+    else:
+        lanes = forward_lanes(robot, joints)
+        number = sum((lane.multiplicity > 0).astype(jnp.uint8) for lane in lanes)
+        undecided = lanes[0].status == Status.SINGULAR
+        for lane in lanes[1:]:
+            undecided = undecided | (lane.status == Status.SINGULAR)
+    # One output, not two: XLA would compute everything again for the second.
+    flag = jnp.where(undecided, jnp.uint8(_UNDECIDED_BIT), jnp.uint8(0))
+    return (jnp.asarray(number).astype(jnp.uint8) | flag,)
+
+
+def _unpack_count(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    (packed,) = arrays
+    return (packed & 0x7F).view(np.int8), packed >= _UNDECIDED_BIT
+
+
+def _count_variables(robot: Mechanism) -> tuple[Variable, ...]:
+    del robot
+    return (
+        Variable("forward_count", "int8", "1", "number of real forward solutions", missing=-1),
+        Variable(
+            "forward_count_nearly_double",
+            "bool",
+            "1",
+            "float64 cannot decide the number: a solution is nearly double",
+            missing=False,
+        ),
+    )
+
+
+#: Number of distinct assembly modes within the joint limits, and where float64 cannot decide it.
+forward_count = Field(
+    name="forward_count",
+    domain="joints",
+    variables=_count_variables,
+    kernel=_count_kernel,
+    block=lambda robot: 1 << 17 if robot.count_kernel is not None else robot.forward_block,
+    unpack=_unpack_count,
+)
+
+
+def _branch_variables(name: str, long_name: str, count: int, axes: tuple[Axis, ...]) -> tuple[Variable, ...]:
+    lanes = ("branch", tuple(range(count)))
+    coordinate = f"{name.split('_')[0]}_coordinate"
+    units = ", ".join(f"{axis.name}: {axis.unit}" for axis in axes)
+    names = tuple(axis.name for axis in axes)
+    meanings = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name.lower() for s in Status)}
+    return (
+        Variable(name, "float64", units, long_name, (lanes, (coordinate, names))),
+        Variable(f"{name}_status", "int8", "1", "status of each branch", (lanes,), -1, meanings),
+        Variable(f"{name}_multiplicity", "int8", "1", "how many solutions coincide", (lanes,), 0),
+    )
+
+
+def _lane_count(robot: Mechanism, forward: bool) -> int:
+    axes = robot.joint_axes if forward else robot.pose_axes
+    given = tuple(jax.ShapeDtypeStruct((), float) for _ in axes)
+    return len(jax.eval_shape(forward_lanes if forward else inverse_lanes, robot, given))
+
+
+def _branches_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordinates], tuple[Array, ...]]:
+    def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
+        lanes = solver(robot, coordinates)
+        values = [value for lane in lanes for value in lane.values]
+        return (*values, *(lane.status for lane in lanes), *(lane.multiplicity for lane in lanes))
+
+    return kernel
+
+
+#: Poses of all assembly modes, with status and multiplicity.
+forward_branches = Field(
+    name="forward_branches",
+    domain="joints",
+    variables=lambda robot: _branch_variables(
+        "forward_branches", "poses of the assembly modes", _lane_count(robot, True), robot.pose_axes
+    ),
+    kernel=_branches_kernel(forward_lanes),
+    block=lambda robot: robot.forward_block,
+)
+
+#: Joint values of all working modes, with status and multiplicity.
+inverse_branches = Field(
+    name="inverse_branches",
+    domain="pose",
+    variables=lambda robot: _branch_variables(
+        "inverse_branches", "joint values of the working modes", _lane_count(robot, False), robot.joint_axes
+    ),
+    kernel=_branches_kernel(inverse_lanes),
+)
+
+
+def _per_working_mode(
+    name: str, unit: str, long_name: str, measure: Callable[[Mechanism, Array, Array], Array], **attrs: Any
+) -> Field:
+    """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
+
+    def variables(robot: Mechanism) -> tuple[Variable, ...]:
+        modes = _lane_count(robot, False)
+        dims = (("branch", tuple(range(modes))),) if modes > 1 else ()
+        return (Variable(name, "float64", unit, long_name, dims, attrs=attrs),)
+
+    def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
+        out = []
+        for lane in inverse_lanes(robot, pose):
+            value = _each_sample(lambda x, q: measure(robot, x, q), pose, lane.values)
+            out.append(jnp.where(lane.multiplicity > 0, value, jnp.nan))
+        return tuple(out)
+
+    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12)
+
+
+def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
+    """Applies a function of vectors to coordinates given as tuples of broadcastable arrays."""
+    shape = jnp.broadcast_shapes(*(jnp.shape(a) for group in groups for a in group))
+    rows = [jnp.stack([jnp.broadcast_to(a, shape).reshape(-1) for a in group]) for group in groups]
+    return jax.vmap(function, in_axes=1)(*rows).reshape(shape)
+
+
+#: det dF/dpose at the inverse solution, in the units of the equations.
+direct_determinant = _per_working_mode(
+    "direct_determinant",
+    "units of the constraints",
+    "determinant of the direct Jacobian",
+    lambda robot, x, q: raw_conditioning(robot, x, q).determinant,
+)
+
+_SCALED = {"scaling": "rates in units of the mechanism's characteristic length and radians"}
+
+#: Clearance: smallest singular value of dq/dx after scaling by the characteristic length.
+smallest_singular_value = _per_working_mode(
+    "smallest_singular_value",
+    "1",
+    "smallest singular value of the scaled dq/dx",
+    lambda robot, x, q: raw_conditioning(robot, x, q).smallest_singular_value,
+    **_SCALED,
+)
+
+#: Smallest over largest singular value of the scaled dq/dx.
+inverse_condition_number = _per_working_mode(
+    "inverse_condition_number",
+    "1",
+    "inverse condition number of the scaled dq/dx",
+    lambda robot, x, q: raw_conditioning(robot, x, q).inverse_condition_number,
+    **_SCALED,
+)
+
+
+def _margin_variables(robot: Mechanism) -> tuple[Variable, ...]:
+    modes = _lane_count(robot, False)
+    branch = (("branch", tuple(range(modes))),) if modes > 1 else ()
+    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
+    joints = jax.ShapeDtypeStruct((len(robot.joint_axes),), float)
+    names: list[str] = []
+    # Collected inside the trace: a dict that comes out of one has its keys sorted.
+    jax.eval_shape(lambda r, x, q: names.extend(r.margins(x, q)), robot, pose, joints)
+    long_name = "signed distance to each limit, negative outside"
+    return (Variable("limit_margins", "float64", "units of the limits", long_name, (*branch, ("limit", tuple(names)))),)
+
+
+def _margin_kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
+    # The limits are what is measured here, so the solutions must not be masked by them.
+    lanes = inverse_lanes(_without_limits(robot), pose)
+    out = []
+    for lane in lanes:
+        shape = jnp.broadcast_shapes(*(jnp.shape(a) for a in (*pose, *lane.values)))
+        x = jnp.stack([jnp.broadcast_to(a, shape) for a in pose], axis=-1)
+        q = jnp.stack([jnp.broadcast_to(a, shape) for a in lane.values], axis=-1)
+        out += list(robot.margins(x, q).values())
+    return tuple(jnp.broadcast_to(a, jnp.broadcast_shapes(*(jnp.shape(p) for p in pose))) for a in out)
+
+
+def _without_limits(robot: Mechanism) -> Mechanism:
+    limits = getattr(robot, "limits", None)
+    if limits is None:
+        return robot
+    wide = jax.tree_util.tree_map(lambda leaf: jnp.full_like(leaf, jnp.inf), limits)
+    return robot.replace(limits=type(limits)(jnp.negative(wide.low), wide.high))
+
+
+#: Signed distance to every joint limit (and interference) at the inverse solution.
+limit_margins = Field("limit_margins", "pose", _margin_variables, _margin_kernel)
+
+
+def from_function(
+    function: Callable[[Mechanism, Array], Array],
+    *,
+    name: str,
+    domain: str,
+    unit: str = "1",
+    long_name: str | None = None,
+) -> Field:
+    """Makes a field of your own from a traceable function of one configuration.
+
+    Args:
+        function: ``(mechanism, vector) -> scalar``; the vector is a pose or the joints.
+        name: Name of the field and its variable.
+        domain: ``"pose"`` or ``"joints"``.
+        unit: Unit of the value.
+        long_name: For labels; the name if not given.
+
+    Raises:
+        InputError: The domain is neither, or the name is that of a field of jaxkin.
+    """
+    if domain not in ("pose", "joints"):
+        raise InputError(f"The domain of field {name!r} is {domain!r}: it must be 'pose' or 'joints'.")
+    if name in FIELDS:
+        raise InputError(f"A field {name!r} exists in jaxkin: choose another name.")
+    try:
+        text = inspect.getsource(function)
+    except (OSError, TypeError):
+        text = repr(function)
+    return Field(
+        name=name,
+        domain=domain,
+        variables=lambda robot: (Variable(name, "float64", unit, long_name or name),),
+        kernel=lambda robot, coordinates: (
+            _each_sample(lambda vector: jnp.asarray(function(robot, vector), float), coordinates),
+        ),
+        block=lambda robot: 1 << 12,
+        version=hashlib.sha256(text.encode()).hexdigest()[:16],
+    )
+
+
+#: The fields that the command line knows, by name.
+FIELDS: dict[str, Field] = {
+    f.name: f
+    for f in (
+        forward_count,
+        forward_branches,
+        inverse_branches,
+        direct_determinant,
+        smallest_singular_value,
+        inverse_condition_number,
+        limit_margins,
+    )
+}
+
+
+def by_name(name: str) -> Field:
+    """Returns a field of jaxkin by its name.
+
+    Raises:
+        InputError: There is none of that name.
+    """
+    if name in FIELDS:
+        return FIELDS[name]
+    close = difflib.get_close_matches(name, FIELDS, n=1)
+    hint = f"; did you mean {close[0]!r}?" if close else "."
+    raise InputError(f"There is no field {name!r}: choose one of {', '.join(FIELDS)}{hint}")
