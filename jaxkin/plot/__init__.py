@@ -1,0 +1,7 @@
+"""Figures: draws results, computes nothing. Every function takes ``ax=None`` and returns the Axes."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, submod_attrs={"maps": ["section"], "modes": ["mechanism"]}
+)

@@ -1,0 +1,63 @@
+"""The group of commands, and how their errors end."""
+
+import sys
+
+import click
+
+from jaxkin.cli.map import map_command
+from jaxkin.cli.points import forward_command, inverse_command
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+@click.version_option(package_name="jaxkin")
+def cli() -> None:
+    """Kinematics and workspace maps of parallel robots."""
+
+
+@cli.command("list")
+@click.option("--json", "as_json", is_flag=True, help="Print JSON.")
+def list_command(as_json: bool) -> None:
+    """List the mechanisms with their default geometry."""
+    import dataclasses
+    import json
+
+    from jaxkin.mechanisms.catalogue import CATALOGUE
+
+    if as_json:
+        click.echo(json.dumps({name: dataclasses.asdict(entry) for name, entry in CATALOGUE.items()}, indent=2))
+        return
+    for name, entry in CATALOGUE.items():
+        geometry = ", ".join(f"{key}={value:.12g}" for key, value in entry.geometry.items())
+        click.echo(f"{name:14} {entry.title}\n{'':14} {geometry}  ({entry.source})")
+
+
+cli.add_command(inverse_command)
+cli.add_command(forward_command)
+cli.add_command(map_command)
+
+
+def main(arguments: list[str] | None = None) -> None:
+    """Runs the command line; bad input ends with one line and exit code 2, Ctrl-C with 130."""
+    from jaxkin.core.errors import JaxkinError, SweepInterrupted
+
+    try:
+        code = cli.main(arguments, prog_name="jaxkin", standalone_mode=False)
+    except click.ClickException as error:
+        error.show()
+        sys.exit(2)
+    except SweepInterrupted as error:
+        click.echo(f"jaxkin: {error}", err=True)
+        sys.exit(130)
+    except (click.Abort, KeyboardInterrupt):
+        click.echo("jaxkin: stopped.", err=True)
+        sys.exit(130)
+    except JaxkinError as error:
+        click.echo(f"jaxkin: {error}", err=True)
+        sys.exit(2)
+    except BrokenPipeError:
+        sys.exit(0)
+    sys.exit(code if isinstance(code, int) else 0)
+
+
+if __name__ == "__main__":
+    main()

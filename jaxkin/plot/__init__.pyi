@@ -1,0 +1,2 @@
+from .maps import section as section
+from .modes import mechanism as mechanism

@@ -1,0 +1,106 @@
+"""The mechanism itself, in all its assembly modes."""
+
+import math
+from typing import Any
+
+import matplotlib.pyplot as plt
+import numpy as np
+from jax.typing import ArrayLike
+from matplotlib.axes import Axes
+
+from jaxkin.core.branches import Branches
+from jaxkin.core.errors import InputError
+from jaxkin.core.mechanism import Mechanism
+from jaxkin.kinematics.jacobian import jacobians
+from jaxkin.kinematics.solve import forward
+from jaxkin.plot import style
+
+_SIGN_COLOURS = {1: style.OKABE_ITO["blue"], -1: style.OKABE_ITO["vermillion"], 0: style.OKABE_ITO["black"]}
+
+
+def mechanism(
+    robot: Mechanism, joints: ArrayLike, branches: Branches | None = None, ax: Axes | None = None
+) -> np.ndarray | Axes:
+    """Draws a planar mechanism in all its assembly modes.
+
+    The platform is coloured by the sign of the direct determinant (blue positive, vermillion negative), which is
+    written out as well.
+
+    Args:
+        robot: A mechanism that can outline itself (``outline(pose)``), such as the 3-RPR.
+        joints: ``(n_joint,)``.
+        branches: Its forward solutions, if they are at hand.
+        ax: Axes in which all modes are drawn over each other; without it every mode has a panel.
+
+    Returns:
+        The Axes, or an array of them, one a mode.
+
+    Raises:
+        InputError: The mechanism has no outline, or there is no real solution to draw.
+    """
+    if not hasattr(robot, "outline"):
+        raise InputError(f"{type(robot).__name__} has no method outline(pose) -> (base, platform): add one to draw it.")
+    found = forward(robot, joints) if branches is None else branches
+    poses = np.asarray(found.values)[np.asarray(found.valid)]
+    if len(poses) == 0:
+        raise InputError(f"No real solution at joints {np.asarray(joints).tolist()}: {found.sentences()[0]}.")
+    if ax is not None:
+        for number, pose in enumerate(poses, 1):
+            _draw(robot, pose, joints, ax, number, overlaid=True)
+        _finish(ax)
+        return ax
+    columns = min(3, len(poses))
+    rows = math.ceil(len(poses) / columns)
+    figure, panels = plt.subplots(
+        rows, columns, figsize=(2.5 * columns, 2.75 * rows), layout="constrained", sharex=True, sharey=True, squeeze=False
+    )
+    for number, (panel, pose) in enumerate(zip(panels.flat, poses, strict=False), 1):
+        _draw(robot, pose, joints, panel, number, overlaid=False)
+        _finish(panel)
+    for panel in panels.flat[len(poses) :]:
+        panel.set_axis_off()
+    for panel in panels.flat:
+        panel.label_outer()
+    lengths = ", ".join(
+        f"{style.symbol(axis.name)} = {value:g}" for axis, value in zip(robot.joint_axes, np.asarray(joints), strict=True)
+    )
+    figure.suptitle(f"{len(poses)} assembly modes at {lengths}", fontsize="medium")
+    return panels.ravel()[: len(poses)]
+
+
+def _draw(robot: Any, pose: np.ndarray, joints: ArrayLike, ax: Axes, number: int, *, overlaid: bool) -> None:
+    base, platform = robot.outline(pose)
+    determinant = float(np.linalg.det(np.asarray(jacobians(robot, pose, joints).direct)))
+    sign = int(np.sign(determinant))
+    colour = style.OKABE_ITO["black"] if overlaid and sign == 0 else _SIGN_COLOURS[sign]
+    ax.fill(*base.T, facecolor="#DDDDDD", edgecolor="#777777", linewidth=1, zorder=1)
+    for a, b in zip(base, platform, strict=True):
+        ax.plot(*np.array([a, b]).T, color="#333333", linewidth=1.2, zorder=2)
+    ax.fill(*platform.T, facecolor=colour, alpha=0.3, zorder=3)
+    ax.plot(*np.vstack([platform, platform[:1]]).T, color=colour, linewidth=1.6, zorder=3)
+    ax.plot(*base.T, "s", color="black", markersize=4, zorder=4)
+    ax.plot(*platform.T, "o", color="white", markeredgecolor=colour, markersize=4, zorder=4)
+    if overlaid:
+        centre = platform.mean(axis=0)
+        ax.text(centre[0], centre[1], str(number), ha="center", va="center", zorder=5)
+        return
+    for letter, points, ink in (("A", base, "black"), ("B", platform, colour)):
+        for k, (point, away) in enumerate(zip(points, _outward(points), strict=True), 1):
+            options = {"ha": "center", "va": "center", "fontsize": "x-small", "color": ink, "zorder": 5}
+            ax.annotate(f"${letter}_{k}$", point, textcoords="offset points", xytext=9 * away, **options)
+    word = {1: "> 0", -1: "< 0", 0: "= 0"}[sign]
+    angle = f"{pose[2]:.3f}".replace("-", "−")
+    ax.set_title(f"{number}:  $\\phi$ = {angle} rad,  det {word}", fontsize="small")
+
+
+def _outward(points: np.ndarray) -> np.ndarray:
+    """Returns unit vectors from the centre of the points to each."""
+    away = points - points.mean(axis=0)
+    return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
+
+
+def _finish(ax: Axes) -> None:
+    ax.set_aspect("equal")
+    ax.margins(0.12)
+    ax.set_xlabel("x (length)")
+    ax.set_ylabel("y (length)")
