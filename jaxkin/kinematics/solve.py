@@ -117,7 +117,7 @@ def _by_search(
     unit = scale_vector(sought, length)
     lengths = jnp.array([not axis.is_angle for axis in known])
 
-    def one(vector: Array) -> tuple[Array, Array, Array, Array]:
+    def one(vector: Array) -> newton.Found:
         vector = jnp.where(jnp.isfinite(vector), vector, 1.0)
         # No solution lies farther out than the known lengths and the size of the mechanism together.
         reach = 2 * (1 + jnp.max(jnp.abs(vector), where=lengths, initial=0.0) / length)
@@ -134,13 +134,14 @@ def _by_search(
         scale = robot.constraint_scales(pose, q)
         period = jnp.array([jnp.inf if axis.period is None else axis.period for axis in sought])
         found = newton.search(function, low, high, period, robot.max_branches)
-        return found.x * unit, found.exists, found.residual, found.singular
+        return found._replace(x=found.x * unit, exists=found.exists & ~found.continuum)
 
-    x, exists, residual, singular = jax.lax.map(one, flat)
+    x, exists, residual, singular, continuum = jax.lax.map(one, flat)
+    unknown = jnp.where(continuum, jnp.int8(Status.SELF_MOTION), jnp.int8(Status.COMPLETENESS_UNKNOWN)).reshape(shape)
     lanes = []
     for k in range(robot.max_branches):
         here, double = exists[:, k].reshape(shape), singular[:, k].reshape(shape)
-        status = jnp.where(here & double, jnp.int8(Status.SINGULAR), jnp.int8(Status.COMPLETENESS_UNKNOWN))
+        status = jnp.where(here & double, jnp.int8(Status.SINGULAR), unknown)
         number = jnp.where(here, jnp.where(double, jnp.int8(2), jnp.int8(1)), jnp.int8(0))
         lanes.append(
             Lane(

@@ -17,12 +17,14 @@ class Found(NamedTuple):
         exists: ``(lanes,)``.
         residual: ``(lanes,)``.
         singular: ``(lanes,)`` True where the Jacobian is nearly singular.
+        continuum: True where there are more solutions than lanes, and singular: points of a curve.
     """
 
     x: Array
     exists: Array
     residual: Array
     singular: Array
+    continuum: Array
 
 
 def lattice(starts: int, dimension: int) -> np.ndarray:
@@ -91,4 +93,6 @@ def search(
     order = jnp.lexsort((*(x[:, k] for k in range(n - 1)), x[:, n - 1], keys))[:lanes]
     x, exists, residual = x[order], first[order], residual[order]
     smallest = jax.vmap(lambda x: jnp.linalg.svd(jacobian(x), compute_uv=False)[-1])(x)
-    return Found(x, exists, residual, smallest < 1e-6)
+    singular = smallest < 1e-6
+    crowded = (jnp.sum(first) > lanes) & (jnp.mean(singular) > 0.5)
+    return Found(x, exists, residual, singular, crowded)

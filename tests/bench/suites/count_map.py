@@ -1,0 +1,98 @@
+"""Count map of the analytic 3-RPR: the public sweep on one core against C, NumPy and numba."""
+
+from collections.abc import Callable
+
+import numpy as np
+from load import WIDE, Rpr3C, load
+from metric import Metric, Times, duration, mistakes, speedup, throughput
+from numba_rpr3 import count_numba
+from numpy_rpr3 import count_closed_form
+from tests.oracles.rpr3_exact import count_analytic
+
+import jaxkin as jk
+
+GEOMETRY = (1.0, 0.0, 1.0)
+RHO2 = 1.0
+SIDE = 2000
+#: Rows that the yardsticks take at once: 32 000 samples, which stay in cache.
+ROWS = 16
+
+
+def measure() -> list[Metric]:
+    """Times the sweep into fresh memory, the yardsticks into arrays that they have already."""
+    jk.enable_x64()
+    robot = jk.mechanisms.rpr3.analytic(*GEOMETRY)
+    grid = jk.Grid(rho1=(0.0, 4.0, SIDE), rho2=RHO2, rho3=(0.0, 4.0, SIDE))
+
+    def sweep():  # noqa: ANN202
+        return jk.sweep(robot, "forward_count", grid, workers=1, progress=False)
+
+    runs: dict[str, Callable[[], object]] = {"jaxkin": sweep, **_yardsticks()}
+    times, samples = Times(runs), SIDE * SIDE
+    metrics = [
+        throughput("count map: jaxkin sweep, one core", samples, times.median("jaxkin")),
+        duration("count map: compiling", times.compiling("jaxkin")),
+        speedup("count map: jaxkin / NumPy closed form", times.ratio("NumPy", "jaxkin"), 15),
+    ]
+    for name in (name for name in runs if name not in ("jaxkin", "NumPy")):
+        ratio, label = times.ratio(name, "jaxkin"), f"count map: jaxkin / {name}"
+        ceiling = "Sturm" in name
+        metrics.append(Metric(label, ratio, "x", "higher") if ceiling else speedup(label, ratio, _GOALS.get(name)))
+    metrics += [throughput(f"count map: {name}", samples, times.median(name)) for name in runs if name != "jaxkin"]
+    return metrics + _compare(sweep())
+
+
+_GOALS = {"C cubic": 0.5, "C cubic 512": 0.5}
+
+
+def _axes() -> tuple[np.ndarray, np.ndarray]:
+    return np.linspace(0.0, 4.0, SIDE), np.linspace(0.0, 4.0, SIDE)
+
+
+def _yardsticks() -> dict[str, Callable[[], object]]:
+    rho1, rho3 = _axes()
+    out = np.empty((SIDE, SIDE), np.uint8)
+    rows = [slice(start, start + ROWS) for start in range(0, SIDE, ROWS)]
+    flat = [np.ascontiguousarray(rho) for rho in np.broadcast_arrays(rho1[:, None], RHO2, rho3)]
+
+    def in_rows(count: Callable[..., np.ndarray]) -> Callable[[], object]:
+        def run() -> None:
+            for part in rows:
+                out[part] = count(*GEOMETRY, *(rho[part].ravel() for rho in flat)).reshape(-1, SIDE)
+
+        return run
+
+    def grid(count: Callable[..., np.ndarray]) -> Callable[[], object]:
+        return lambda: [count(*GEOMETRY, rho1[part], RHO2, rho3, out[part]) for part in rows]
+
+    runs = {"NumPy": in_rows(count_closed_form)}
+    if count_numba is not None:
+        runs["numba"] = in_rows(count_numba)
+    for label, flags in (("", ()), (" 512", WIDE)):
+        library = load(flags)
+        if library is not None:
+            runs[f"C cubic{label}"] = grid(library.count_grid_cubic)
+            runs[f"C Sturm{label}"] = grid(library.count_grid_sturm)
+    return runs
+
+
+def _compare(result) -> list[Metric]:  # noqa: ANN001
+    """Compares with C (NumPy without a compiler); the exact oracle settles every difference."""
+    library: Rpr3C | None = load()
+    rho1, rho3 = _axes()
+    if library is not None:
+        other = library.count_grid_cubic(*GEOMETRY, rho1, RHO2, rho3)
+    else:
+        flat = [rho.ravel() for rho in np.broadcast_arrays(rho1[:, None], RHO2, rho3)]
+        other = count_closed_form(*GEOMETRY, *flat).reshape(SIDE, SIDE)
+    count = result.forward_count.values
+    flagged = result.forward_count_nearly_double.values
+    differing = np.argwhere((count != other) & ~flagged)
+    wrong = sum(
+        count_analytic(*GEOMETRY, rho1[i], RHO2, rho3[j]).count != count[i, j] for i, j in differing.tolist()
+    )
+    return [
+        mistakes("count map: unflagged differences from C", len(differing)),
+        mistakes("count map: of these, wrong by the exact count", wrong),
+        Metric("count map: flagged nearly double", 1e6 * flagged.mean(), "per million", "lower"),
+    ]
