@@ -26,7 +26,7 @@ def main() -> None:
             row = [*pose, measures.determinant, measures.smallest_singular_value, residual]
             writer.writerow([f"{float(v):.17g}" for v in row])
     print(folder / "six_modes.csv")
-    save(jk.plot.mechanism(robot, joints, modes)[0].figure, folder, "rpr3_six_modes")
+    save(jk.plot.mechanism(robot, joints, modes).flat[0].figure, folder, "rpr3_six_modes")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from tests.bench.yardsticks.numpy_rpr3 import count_closed_form
 _REPEATS = 5
 
 
-def best(call) -> float:  # noqa: ANN001
+def best(call) -> float:
     """Returns the median seconds of a call, the first one not counted."""
     call()
     seconds = []

@@ -195,6 +195,11 @@ def nearest(values: np.ndarray, pose: np.ndarray, length: np.ndarray | float = 1
 
 
 def set_distance(first: np.ndarray, second: np.ndarray) -> float:
-    """Returns the Hausdorff distance of two sets of poses ``(n, 3)``, without NaN rows."""
+    """Returns the Hausdorff distance of two sets of poses ``(n, 3)``, without NaN rows; inf if one alone is empty."""
+    if len(first) == 0 or len(second) == 0:
+        return 0.0 if len(first) == len(second) else float("inf")
     gaps = glued_distance(first[:, None], second[None])
-    return float(max(gaps.min(axis=0).max(initial=0), gaps.min(axis=1).max(initial=0)))
+    return float(max(gaps.min(axis=0).max(), gaps.min(axis=1).max()))
+
+
+conditioning_batch: Callable[..., jk.Conditioning] = jax.jit(jax.vmap(jk.conditioning))

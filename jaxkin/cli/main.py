@@ -4,12 +4,13 @@ import sys
 
 import click
 
+from jaxkin import __version__
 from jaxkin.cli.map import map_command
 from jaxkin.cli.points import forward_command, inverse_command
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
-@click.version_option(package_name="jaxkin")
+@click.version_option(__version__)
 def cli() -> None:
     """Kinematics and workspace maps of parallel robots."""
 

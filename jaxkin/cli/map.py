@@ -41,7 +41,7 @@ def map_command(
     changes: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Map a field over a grid.
+    r"""Map a field over a grid.
 
     \b
     jaxkin map rpr3-analytic --fix rho2=1 --grid rho1=0:4:2000 --grid rho3=0:4:2000 --out map
@@ -104,7 +104,11 @@ def _numbers(robot: "Mechanism", dataset: "xarray.Dataset") -> dict[str, Any]:
         numbers["defined"] = finite.size / values.size
         if finite.size:
             numbers |= {"min": float(finite.min()), "mean": float(finite.mean()), "max": float(finite.max())}
-    return {**numbers, "request_hash": dataset.attrs["request_hash"], "run_log": json.loads(dataset.attrs["run_log"])}
+    return {
+        **numbers,
+        "request_hash": dataset.attrs["request_hash"],
+        "run_log": json.loads(dataset.attrs["run_log"]),
+    }
 
 
 def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force: bool) -> dict[str, str]:
@@ -130,7 +134,8 @@ def _draw(dataset: "xarray.Dataset", paths: list[Path]) -> None:
 
     from jaxkin.plot.maps import section
 
-    figure = section(dataset).figure
+    figure = section(dataset).get_figure(root=True)
+    assert figure is not None
     for path in paths:
         figure.savefig(path, dpi=200)
     plt.close("all")
@@ -146,8 +151,9 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
         lines += [f"  {n:>3} solutions  {share:10.4%}" for n, share in numbers["fractions"].items()]
         lines.append(f"  nearly double (undecided in float64): {numbers['nearly_double']}")
     else:
-        lines.append(f"  defined on {numbers['defined']:.2%}" + "".join(
-            f", {key} {numbers[key]:.6g}" for key in ("min", "mean", "max") if key in numbers
-        ))
+        lines.append(
+            f"  defined on {numbers['defined']:.2%}"
+            + "".join(f", {key} {numbers[key]:.6g}" for key in ("min", "mean", "max") if key in numbers)
+        )
     lines += [f"  {kind}: {path}" for kind, path in numbers.get("files", {}).items()]
     return "\n".join(lines)

@@ -28,7 +28,7 @@ _CSV_HELP = "A CSV whose header names the axes; further columns are ignored."
 @set_option
 @json_option
 def forward_command(**options: Any) -> int:
-    """Find all poses (assembly modes) of given joint values.
+    r"""Find all poses (assembly modes) of given joint values.
 
     \b
     jaxkin forward rpr3 14.98 15.38 12
@@ -46,7 +46,7 @@ def forward_command(**options: Any) -> int:
 @set_option
 @json_option
 def inverse_command(**options: Any) -> int:
-    """Find all joint values (working modes) of a pose.
+    r"""Find all joint values (working modes) of a pose.
 
     \b
     jaxkin inverse rpr3 -8.7 12.2 -0.99
@@ -76,7 +76,11 @@ def _solve(
     rows, complaints = ([_one(values, axes)], []) if table is None else _table(table, axes)
     records = _records(robot, rows, forward)
     if as_json or (out is not None and out.suffix == ".json"):
-        content: dict[str, Any] = {"mechanism": robot.id, "geometry": _finite(robot.geometry()), "solutions": records}
+        content: dict[str, Any] = {
+            "mechanism": robot.id,
+            "geometry": _finite(robot.geometry()),
+            "solutions": records,
+        }
         text = json.dumps(content, indent=2) + "\n"
     elif out is not None or table is not None:
         text = _csv_text(records)
@@ -120,7 +124,9 @@ def _table(path: Path, axes: "tuple[Axis, ...]") -> tuple[list[list[float]], lis
         raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}.") from error
     for axis in axes:
         if axis.name not in header:
-            raise InputError(f"{path} has the columns {', '.join(header) or 'none'}: the column {axis.name!r} is missing.")
+            raise InputError(
+                f"{path} has the columns {', '.join(header) or 'none'}: the column {axis.name!r} is missing."
+            )
     if not records:
         raise InputError(f"{path} has a header and no rows: add at least one point.")
     rows, complaints = [], []
@@ -196,7 +202,11 @@ def _csv_text(records: list[dict[str, Any]]) -> str:
 
 
 def _summary(
-    robot: "Mechanism", records: list[dict[str, Any]], axes: "tuple[Axis, ...]", row: list[float], forward: bool
+    robot: "Mechanism",
+    records: list[dict[str, Any]],
+    axes: "tuple[Axis, ...]",
+    row: list[float],
+    forward: bool,
 ) -> str:
     from jaxkin.core.errors import Status
 

@@ -9,6 +9,7 @@ import numpy as np
 from jax import Array
 
 from jaxkin.core.errors import Status
+from jaxkin.core.tracing import is_traced
 
 
 class Lane(NamedTuple):
@@ -60,7 +61,7 @@ class Branches:
 
     def __str__(self) -> str:
         """A summary of a few lines; batched or traced results print their shapes."""
-        if isinstance(self.values, jax.core.Tracer) or self.values.ndim != 2:
+        if is_traced(self.values) or self.values.ndim != 2:
             return f"Branches(values{tuple(self.values.shape)})"
         valid = np.asarray(self.valid)
         lines = [f"{int(valid.sum())} real solutions in {valid.size} lanes"]

@@ -12,6 +12,7 @@ from jax import Array
 
 from jaxkin.core.branches import Lane
 from jaxkin.core.errors import InputError
+from jaxkin.core.tracing import is_traced
 
 
 @dataclass(frozen=True)
@@ -166,8 +167,7 @@ class Mechanism:
         """Returns the leaves by name as plain numbers and lists (concrete mechanisms only)."""
         leaves = jax.tree_util.tree_flatten_with_path(self)[0]
         return {
-            jax.tree_util.keystr(path, simple=True, separator="."): jnp.asarray(leaf).tolist()
-            for path, leaf in leaves
+            jax.tree_util.keystr(path, simple=True, separator="."): jnp.asarray(leaf).tolist() for path, leaf in leaves
         }
 
     def replace(self, **changes: Any) -> "Mechanism":
@@ -177,12 +177,10 @@ class Mechanism:
     def __str__(self) -> str:
         """The id and the geometry in one line."""
         leaves = jax.tree_util.tree_leaves(self)
-        if any(isinstance(leaf, jax.core.Tracer) or jnp.ndim(leaf) > 1 for leaf in leaves):
+        if any(is_traced(leaf) or jnp.ndim(leaf) > 1 for leaf in leaves):
             return f"{self.id or type(self).__name__} (batched or traced)"
         parts = ", ".join(
-            f"{name}={value:.12g}"
-            for name, value in self.geometry().items()
-            if isinstance(value, int | float)
+            f"{name}={value:.12g}" for name, value in self.geometry().items() if isinstance(value, int | float)
         )
         return f"{self.id or type(self).__name__}({parts})"
 

@@ -50,7 +50,7 @@ def require_x64(who: str) -> None:
     Raises:
         PrecisionError: float64 is not enabled.
     """
-    if not jax.config.jax_enable_x64:
+    if not jax.config.read("jax_enable_x64"):
         raise PrecisionError(
             f"{who} needs float64, but JAX is running in float32, which cannot tell close assembly modes apart: "
             "add `jaxkin.enable_x64()` before the first computation."

@@ -1,6 +1,5 @@
 """What every public entry point checks before a kernel sees its arguments."""
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
@@ -8,6 +7,7 @@ from jax.typing import ArrayLike
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.core.precision import require_x64
+from jaxkin.core.tracing import is_traced
 
 
 def checked_mechanism(who: str, robot: Mechanism) -> None:
@@ -28,7 +28,7 @@ def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]
     """
     names = ", ".join(axis.name for axis in axes)
     try:
-        array = value if isinstance(value, jax.core.Tracer) else jnp.asarray(value)
+        array = value if is_traced(value) else jnp.asarray(value)
         array = jnp.asarray(array, dtype=float)
     except (TypeError, ValueError) as error:
         raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} numbers ({names}).") from error

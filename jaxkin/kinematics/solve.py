@@ -64,7 +64,9 @@ def forward_lanes(robot: Mechanism, joints: tuple[Array, ...]) -> tuple[Lane, ..
     else:
         lanes = _by_search(robot, joints, robot.joint_axes, robot.pose_axes, False)
     outside = ~inside_limits(robot, joints)
-    return tuple(_masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, joints)) for lane in lanes)
+    return tuple(
+        _masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, joints)) for lane in lanes
+    )
 
 
 def inverse_lanes(robot: Mechanism, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
@@ -108,7 +110,11 @@ def _masked(lane: Lane, where: Array, status: Array | Status) -> Lane:
 
 
 def _by_search(
-    robot: Mechanism, given: tuple[Array, ...], known: tuple[Axis, ...], sought: tuple[Axis, ...], joints: bool
+    robot: Mechanism,
+    given: tuple[Array, ...],
+    known: tuple[Axis, ...],
+    sought: tuple[Axis, ...],
+    joints: bool,
 ) -> tuple[Lane, ...]:
     """Searches solutions where the mechanism has no closed form; completeness stays unknown."""
     shape = jnp.broadcast_shapes(*(jnp.shape(value) for value in given))
@@ -176,7 +182,7 @@ def _inverse(robot: Mechanism, pose: Array) -> Branches:
     return _with_derivatives(_joint_residual, stack_lanes(inverse_lanes(still[0], as_tuple(still[1]))), robot, pose)
 
 
-def _with_derivatives(residual, branches: Branches, robot: Mechanism, given: Array) -> Branches:  # noqa: ANN001
+def _with_derivatives(residual, branches: Branches, robot: Mechanism, given: Array) -> Branches:
     regular = branches.valid & (branches.status != Status.SINGULAR)
     given = jnp.where(jnp.isfinite(given), given, 1.0)
     values = jax.vmap(lambda x, ok, here: attach_derivatives(residual, x, (robot, given), ok, here))(

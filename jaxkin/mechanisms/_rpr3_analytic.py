@@ -52,9 +52,7 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     """
     rho1, rho2, rho3 = joints
     a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
-    roots = cubics.real_roots(
-        characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle
-    )
+    roots = cubics.real_roots(characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle)
     keys = [jnp.where(_pair(geometry, rho1, a, b, u).square >= 0, u, quarter.NO_ANGLE) for u in roots.quarters]
     low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
@@ -90,9 +88,7 @@ def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array) -> _Pai
     return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan))
 
 
-def _lanes(
-    geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array
-) -> tuple[Lane, Lane]:
+def _lanes(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array) -> tuple[Lane, Lane]:
     """Turns one root into the lanes of +p and -p; they hold NaN exactly where p^2 is negative or NaN."""
     s, c, h, square = pair
     p = jnp.sqrt(square)

@@ -111,7 +111,8 @@ def _characteristic(robot: _Robot, rho: Array) -> tuple[Array, Array]:
     n2, n3 = v2x * v2x + v2y * v2y, v3x * v3x + v3y * v3y
     m, d = v2x * v3x + v2y * v3y, v2x * v3y - v2y * v3x
     values = jnp.stack(
-        [n2 * n3 * (n2 + n3 - 2 * m), 2 * n3 * (n2 - m), 2 * n2 * (n3 - m), n3, n2, -2 * m, -4 * d * d], axis=1
+        [n2 * n3 * (n2 + n3 - 2 * m), 2 * n3 * (n2 - m), 2 * n2 * (n3 - m), n3, n2, -2 * m, -4 * d * d],
+        axis=1,
     )
     a, b = (rho[0] - rho[1]) * (rho[0] + rho[1]), (rho[0] - rho[2]) * (rho[0] + rho[2])
     monomials = jnp.stack([jnp.ones_like(a), a, b, a * a, b * b, a * b, rho[0] * rho[0]])

@@ -13,7 +13,6 @@ References:
 
 from typing import ClassVar
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -23,6 +22,7 @@ from jaxkin.core.branches import Lane
 from jaxkin.core.errors import GeometryError, Status
 from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechanism
 from jaxkin.core.precision import TOLERANCES
+from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general
 from jaxkin.mechanisms.catalogue import CATALOGUE
 
@@ -235,14 +235,10 @@ def _leaves(**leaves: ArrayLike) -> dict[str, Array]:
             array = jnp.asarray(value, dtype=float)
         except (TypeError, ValueError) as error:
             raise GeometryError(f"{name} is {value!r}: geometry must be a number or an array of numbers.") from error
-        if _known(array) and not np.all(np.isfinite(array)):
+        if not is_traced(array) and not np.all(np.isfinite(array)):
             raise GeometryError(f"{name} is {value}: geometry must be finite; replace NaN and infinite values.")
         result[name] = array
     return dict(zip(result, jnp.broadcast_arrays(*result.values()), strict=True))
-
-
-def _known(array: Array) -> bool:
-    return not isinstance(array, jax.core.Tracer)
 
 
 def analytic(c2: ArrayLike, c3: ArrayLike, d3: ArrayLike, limits: Limits | None = None) -> AnalyticRPR3:
@@ -262,7 +258,7 @@ def analytic(c2: ArrayLike, c3: ArrayLike, d3: ArrayLike, limits: Limits | None 
     """
     leaves = _leaves(c2=c2, c3=c3, d3=d3)
     robot = AnalyticRPR3(**leaves, limits=_batch_limits(limits, leaves["c2"]))
-    if all(map(_known, leaves.values())) and not np.all(robot.geometry_ok()):
+    if not any(map(is_traced, leaves.values())) and not np.all(robot.geometry_ok()):
         raise GeometryError(
             f"c2={c2}, c3={c3}, d3={d3}: neither c2 nor d3 may be zero (A1, A2, A3 must form a triangle); "
             "for aligned joints use rpr3.general."
@@ -299,7 +295,7 @@ def general(
     """
     leaves = _leaves(c2=c2, c3=c3, d3=d3, l2=l2, l3=l3, beta=beta)
     robot = GeneralRPR3(**leaves, limits=_batch_limits(limits, leaves["c2"]))
-    if all(map(_known, leaves.values())):
+    if not any(map(is_traced, leaves.values())):
         for name in ("l2", "l3"):
             if np.any(np.asarray(leaves[name]) < 0):
                 raise GeometryError(f"{name} is {leaves[name]}: a side must not be negative; turn beta by pi instead.")

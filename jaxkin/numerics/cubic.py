@@ -46,7 +46,9 @@ def _chart(cubic: Cubic) -> tuple[Cubic, Array, Array]:
     sizes = (jnp.abs(a3), jnp.abs(a0), jnp.abs(up + down) * 8**-0.5, jnp.abs(up - down) * 8**-0.5)
     straight, oblique = jnp.maximum(sizes[0], sizes[1]), jnp.maximum(sizes[2], sizes[3])
     index = jnp.where(
-        straight >= oblique, jnp.where(sizes[0] >= sizes[1], 0.0, 1.0), jnp.where(sizes[2] >= sizes[3], 2.0, 3.0)
+        straight >= oblique,
+        jnp.where(sizes[0] >= sizes[1], 0.0, 1.0),
+        jnp.where(sizes[2] >= sizes[3], 2.0, 3.0),
     )
     (index,) = materialise(index)
     wide, skew = 3 * (a3 + a0) - a2 - a1, 3 * (a0 - a3) + a1 - a2
@@ -176,7 +178,11 @@ def sturm_chain(cubic: Cubic, undecided: float) -> SturmChain:
     # The discriminant by the Hessian form H = h2 S^2 + h1 S C + h0 C^2: disc = -(h1^2 - 4 h2 h0) / 3.
     h2, h1, h0 = a2 * a2 - 3 * a3 * a1, a2 * a1 - 9 * a3 * a0, a1 * a1 - 3 * a2 * a0
     disc = (4 * h2 * h0 - h1 * h1) / 3
-    m2, m1, m0 = a2 * a2 + 3 * jnp.abs(a3 * a1), jnp.abs(a2 * a1) + 9 * jnp.abs(a3 * a0), a1 * a1 + 3 * jnp.abs(a2 * a0)
+    m2, m1, m0 = (
+        a2 * a2 + 3 * jnp.abs(a3 * a1),
+        jnp.abs(a2 * a1) + 9 * jnp.abs(a3 * a0),
+        a1 * a1 + 3 * jnp.abs(a2 * a0),
+    )
     noise = undecided * (4 * m2 * m0 + m1 * m1)
     slope = (sign * a3, sign * a2, sign * a1, jnp.zeros_like(a0))
     return SturmChain(slope, (2 * h2, h1), disc, jnp.abs(disc) <= noise, sign)
@@ -191,6 +197,4 @@ def sign_variations(chain: SturmChain, value: Array, s: Array, c: Array) -> Arra
     second = (3 * chain.slope[0] * s + 2 * chain.slope[1] * c) * s + chain.slope[2] * c * c < 0
     third = chain.remainder[0] * s + chain.remainder[1] * c < 0
     fourth = chain.discriminant <= 0
-    return (
-        (first != second).astype(jnp.int8) + (second != third).astype(jnp.int8) + (third != fourth).astype(jnp.int8)
-    )
+    return (first != second).astype(jnp.int8) + (second != third).astype(jnp.int8) + (third != fourth).astype(jnp.int8)

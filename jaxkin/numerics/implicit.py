@@ -43,7 +43,7 @@ def attach_derivatives(
 
 
 @attach_derivatives.defjvp
-def _attach_derivatives_jvp(residual, primals, tangents):  # noqa: ANN001, ANN202
+def _attach_derivatives_jvp(residual, primals, tangents):
     solution, theta, regular, valid = primals
     theta_dot = tangents[1]
     x = attach_derivatives(residual, solution, theta, regular, valid)

@@ -6,6 +6,7 @@ a polynomial is monotone, so each of its roots is bracketed by roots of its deri
 the quadratic.
 """
 
+import itertools
 import math
 from typing import NamedTuple
 
@@ -149,9 +150,7 @@ FAST = ((5, 2), (6, 3))
 CAREFUL = ((8, 12), (8, 12))
 
 
-def real_roots(
-    fourier: Array, magnitude: Array, effort: tuple[tuple[int, int], tuple[int, int]] = FAST
-) -> SexticRoots:
+def real_roots(fourier: Array, magnitude: Array, effort: tuple[tuple[int, int], tuple[int, int]] = FAST) -> SexticRoots:
     """Finds every real root of P(phi) = f0 + sum_k f_{2k-1} cos k phi + f_{2k} sin k phi, k <= 3.
 
     Args:
@@ -182,22 +181,20 @@ def real_roots(
         halvings, steps = effort[level == 0]
         inflections = points if level == 1 else inflections
         borders = (ends[0], *points, ends[1])
-        points = [
-            _root_between(chain[level:], low, high, halvings, steps)
-            for low, high in zip(borders[:-1], borders[1:], strict=True)
-        ]
+        points = [_root_between(chain[level:], low, high, halvings, steps) for low, high in itertools.pairwise(borders)]
+
     def quarter(t: Array) -> Array:
         return from_half_angle(sin1 + t * cos1, cos1 - t * sin1)
 
     negative = [_horner(chain[0], t) < 0 for t in borders]
     quarters = [
         jnp.where((left != right) & ~vanishes, quarter(t), NO_ANGLE)
-        for t, left, right in zip(points, negative[:-1], negative[1:], strict=True)
+        for t, (left, right) in zip(points, itertools.pairwise(negative), strict=True)
     ]
     critical = jnp.stack(borders[1:-1])
     closeness, gap, blur = _meeting(chain, critical)
     crossing = [_horner(chain[1], t) < 0 for t in (ends[0], *inflections, ends[1])]
-    turning = jnp.stack([left != right for left, right in zip(crossing[:-1], crossing[1:], strict=True)])
+    turning = jnp.stack([left != right for left, right in itertools.pairwise(crossing)])
     doubtful = turning & ((gap < _NEAR_ANGLE) | (closeness < _NEAR_VALUE) | (blur > _BLUR * closeness))
     # Two critical points that meet could both be missed; it matters where the value is small as well.
     flat = jnp.stack(inflections)
@@ -223,7 +220,20 @@ def _meeting(chain: list[list[Array]], t: Array) -> tuple[Array, Array, Array]:
 
 def _sorted(values: list[Array]) -> Array:
     """Sorts six arrays elementwise by a network of twelve comparisons, and stacks them."""
-    for i, j in ((0, 5), (1, 3), (2, 4), (1, 2), (3, 4), (0, 3), (2, 5), (0, 1), (2, 3), (4, 5), (1, 2), (3, 4)):
+    for i, j in (
+        (0, 5),
+        (1, 3),
+        (2, 4),
+        (1, 2),
+        (3, 4),
+        (0, 3),
+        (2, 5),
+        (0, 1),
+        (2, 3),
+        (4, 5),
+        (1, 2),
+        (3, 4),
+    ):
         values[i], values[j] = jnp.minimum(values[i], values[j]), jnp.maximum(values[i], values[j])
     return jnp.stack(materialise(*values))
 

@@ -59,9 +59,9 @@ def largest_singular_value(m: Matrix3) -> Array:
     d0, d1, d2 = g00 - mean, g11 - mean, g22 - mean
     spread = jnp.sqrt((d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) / 6)
     safe = jnp.where(spread > 0, spread, 1.0)
-    half_det = (
-        d0 * (d1 * d2 - g12 * g12) - g01 * (g01 * d2 - g12 * g02) + g02 * (g01 * g12 - d1 * g02)
-    ) / (2 * safe**3)
+    half_det = (d0 * (d1 * d2 - g12 * g12) - g01 * (g01 * d2 - g12 * g02) + g02 * (g01 * g12 - d1 * g02)) / (
+        2 * safe**3
+    )
     angle = jnp.arccos(jnp.clip(half_det, -1.0, 1.0)) / 3
     return scale * jnp.sqrt(jnp.maximum(mean + 2 * spread * jnp.cos(angle), 0.0))
 

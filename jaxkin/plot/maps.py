@@ -38,7 +38,9 @@ def section(result: "xarray.Dataset | xarray.DataArray", variable: str | None = 
     Raises:
         InputError: There are not one or two free axes.
     """
-    data = result if variable is None and not hasattr(result, "data_vars") else result[variable or result.attrs["field"]]
+    data = (
+        result if variable is None and not hasattr(result, "data_vars") else result[variable or result.attrs["field"]]
+    )
     data = data.squeeze()  # type: ignore[union-attr]
     if data.ndim not in (1, 2):
         raise InputError(
@@ -53,7 +55,9 @@ def section(result: "xarray.Dataset | xarray.DataArray", variable: str | None = 
         _regions(data, ax)  # type: ignore[arg-type]
     else:
         _shades(data, ax)  # type: ignore[arg-type]
-    fixed = [f"{style.symbol(str(n))} = {float(c):g}" for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"]
+    fixed = [
+        f"{style.symbol(str(n))} = {float(c):g}" for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"
+    ]
     ax.set_title(", ".join(fixed), fontsize="medium")
     return ax
 
@@ -76,11 +80,16 @@ def _line(data: "xarray.DataArray", ax: Axes) -> None:
     ax.set_ylabel(str(data.attrs.get("long_name", data.name)))
 
 
-def _image(data: "xarray.DataArray", ax: Axes, values: np.ndarray, **options: object):  # noqa: ANN202
+def _image(data: "xarray.DataArray", ax: Axes, values: np.ndarray, **options: object):
     horizontal, vertical = data.dims
     x, y = np.asarray(data[horizontal]), np.asarray(data[vertical])
     image = ax.imshow(
-        values, origin="lower", extent=(*_extent(x), *_extent(y)), aspect="auto", interpolation_stage="rgba", **options  # type: ignore[arg-type]
+        values,
+        origin="lower",
+        extent=(*_extent(x), *_extent(y)),
+        aspect="auto",
+        interpolation_stage="rgba",
+        **options,  # type: ignore[arg-type]
     )
     style.dress(ax, _unit(data, horizontal), _unit(data, vertical))
     ax.set(xlim=_limits(x), ylim=_limits(y))
@@ -100,7 +109,14 @@ def _regions(data: "xarray.DataArray", ax: Axes) -> None:
     missing = data.attrs.get("not_computed")
     names = {n: "not computed" if n == missing else f"{n}" for n in present}
     colours = ["#DDDDDD" if n == missing else style.count_colour(n) for n in present]
-    _image(data, ax, np.searchsorted(present, counts), cmap=ListedColormap(colours), vmin=-0.5, vmax=len(present) - 0.5)
+    _image(
+        data,
+        ax,
+        np.searchsorted(present, counts),
+        cmap=ListedColormap(colours),
+        vmin=-0.5,
+        vmax=len(present) - 0.5,
+    )
     for x, y, number in _label_places(data, counts, present):
         if number != missing:
             ax.text(x, y, str(number), ha="center", va="center", fontsize="medium")
@@ -108,27 +124,23 @@ def _regions(data: "xarray.DataArray", ax: Axes) -> None:
         Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=names[n])
         for n, colour in zip(present, colours, strict=True)
     ]
-    ax.legend(
-        handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False
-    )
+    ax.legend(handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
 
 
-def _label_places(
-    data: "xarray.DataArray", counts: np.ndarray, present: list[int]
-) -> list[tuple[float, float, int]]:
+def _label_places(data: "xarray.DataArray", counts: np.ndarray, present: list[int]) -> list[tuple[float, float, int]]:
     """Returns the point farthest from the border of every region that is large enough for a label."""
     step = max(1, -(-max(counts.shape) // _LABEL_SAMPLES))
     small = counts[::step, ::step]
     x, y = (np.asarray(data[dim])[::step] for dim in data.dims)
     places = []
     for number in present:
-        pieces, count = ndimage.label(small == number)
+        pieces, count = ndimage.label(small == number)  # type: ignore[misc]
         sizes = np.bincount(pieces.ravel(), minlength=count + 1)
         for piece in range(1, count + 1):
             if sizes[piece] < _LABEL_SHARE * small.size:
                 continue
             # A frame of other samples keeps labels off the edge of the picture.
-            depth = ndimage.distance_transform_edt(np.pad(pieces == piece, 1))[1:-1, 1:-1]
+            depth = np.asarray(ndimage.distance_transform_edt(np.pad(pieces == piece, 1)))[1:-1, 1:-1]
             row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
             places.append((float(x[column]), float(y[row]), number))
     return places

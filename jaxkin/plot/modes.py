@@ -1,7 +1,7 @@
 """The mechanism itself, in all its assembly modes."""
 
 import math
-from typing import Any
+from typing import Any, overload
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -18,8 +18,12 @@ from jaxkin.plot import style
 _SIGN_COLOURS = {1: style.OKABE_ITO["blue"], -1: style.OKABE_ITO["vermillion"], 0: style.OKABE_ITO["black"]}
 
 
+@overload
+def mechanism(robot: Mechanism, joints: ArrayLike, branches: Branches | None = None) -> np.ndarray: ...
+@overload
+def mechanism(robot: Mechanism, joints: ArrayLike, branches: Branches | None = None, *, ax: Axes) -> Axes: ...
 def mechanism(
-    robot: Mechanism, joints: ArrayLike, branches: Branches | None = None, ax: Axes | None = None
+    robot: Mechanism, joints: ArrayLike, branches: Branches | None = None, *, ax: Axes | None = None
 ) -> np.ndarray | Axes:
     """Draws a planar mechanism in all its assembly modes.
 
@@ -52,7 +56,13 @@ def mechanism(
     columns = min(3, len(poses))
     rows = math.ceil(len(poses) / columns)
     figure, panels = plt.subplots(
-        rows, columns, figsize=(2.5 * columns, 2.75 * rows), layout="constrained", sharex=True, sharey=True, squeeze=False
+        rows,
+        columns,
+        figsize=(2.5 * columns, 2.75 * rows),
+        layout="constrained",
+        sharex=True,
+        sharey=True,
+        squeeze=False,
     )
     for number, (panel, pose) in enumerate(zip(panels.flat, poses, strict=False), 1):
         _draw(robot, pose, joints, panel, number, overlaid=False)
@@ -62,7 +72,8 @@ def mechanism(
     for panel in panels.flat:
         panel.label_outer()
     lengths = ", ".join(
-        f"{style.symbol(axis.name)} = {value:g}" for axis, value in zip(robot.joint_axes, np.asarray(joints), strict=True)
+        f"{style.symbol(axis.name)} = {value:g}"
+        for axis, value in zip(robot.joint_axes, np.asarray(joints), strict=True)
     )
     figure.suptitle(f"{len(poses)} assembly modes at {lengths}", fontsize="medium")
     return panels.ravel()[: len(poses)]

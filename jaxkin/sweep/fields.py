@@ -130,7 +130,10 @@ def _branch_variables(name: str, long_name: str, count: int, axes: tuple[Axis, .
     coordinate = f"{name.split('_')[0]}_coordinate"
     units = ", ".join(f"{axis.name}: {axis.unit}" for axis in axes)
     names = tuple(axis.name for axis in axes)
-    meanings = {"flag_values": [int(s) for s in Status], "flag_meanings": " ".join(s.name.lower() for s in Status)}
+    meanings = {
+        "flag_values": [int(s) for s in Status],
+        "flag_meanings": " ".join(s.name.lower() for s in Status),
+    }
     return (
         Variable(name, "float64", units, long_name, (lanes, (coordinate, names))),
         Variable(f"{name}_status", "int8", "1", "status of each branch", (lanes,), -1, meanings),

@@ -19,7 +19,13 @@ class Progress:
     """
 
     def __init__(self, total: int, label: str, show: bool | None = None):
-        self._options = {"total": total, "desc": label, "unit": " samples", "unit_scale": True, "leave": False}
+        self._options = {
+            "total": total,
+            "desc": label,
+            "unit": " samples",
+            "unit_scale": True,
+            "leave": False,
+        }
         self._show = sys.stderr.isatty() if show is None else show
         self._start = time.perf_counter()
         self._bar: tqdm | None = None

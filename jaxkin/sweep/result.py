@@ -21,9 +21,7 @@ def allocate(
     return {v.name: np.empty((*v.lead, *shape), dtype=v.dtype) for v in variables}
 
 
-def mark_missing(
-    arrays: dict[str, np.ndarray], variables: tuple[Variable, ...], box: tuple[slice, ...]
-) -> None:
+def mark_missing(arrays: dict[str, np.ndarray], variables: tuple[Variable, ...], box: tuple[slice, ...]) -> None:
     """Fills a tile that was not computed with each variable's ``missing`` value."""
     for variable in variables:
         arrays[variable.name][(..., *box)] = variable.missing
@@ -42,7 +40,7 @@ def variable_attrs(variable: Variable) -> dict[str, Any]:
     return {"units": variable.unit, "long_name": variable.long_name, **known, **variable.attrs}
 
 
-def axis_coordinates(grid: BoundGrid) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, str]]]:
+def axis_coordinates(grid: BoundGrid) -> dict[str, tuple[tuple[str, ...], np.ndarray, dict[str, Any]]]:
     """Returns the coordinates of all axes: vectors on free ones, scalars on fixed ones."""
     coordinates = {}
     for k, axis in enumerate(grid.axes):

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 #: Lines "<tile> done", each written after the tile's data; a torn last line does not match.
 _JOURNAL = "tiles.journal"
-_JOURNAL_LINE = re.compile(r"(\d+) done\n")
+_JOURNAL_LINE = re.compile(r"^(\d+) done\n", re.MULTILINE)
 _RUN_LOG = "run_log.jsonl"
 
 
@@ -34,6 +34,10 @@ class Store:
         self._variables = variables
         self._group = zarr.open_group(path, mode="r+")
         self._lock = threading.Lock()
+        journal = self._beside(_JOURNAL)
+        if _text(journal)[-1:] not in ("", "\n"):  # A torn last line must not swallow the next one.
+            with open(journal, "a", encoding="ascii") as file:
+                file.write("\n")
 
     @classmethod
     def open(

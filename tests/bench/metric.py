@@ -4,7 +4,7 @@ No NumPy here: the worker processes import this before they are pinned.
 """
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from statistics import median
 from typing import Any, Literal
@@ -24,7 +24,8 @@ class Metric:
         value: The number.
         unit: "x" for ratios.
         better: Which way is better.
-        tolerance: Share of the baseline by which it may be worse; ``EXACT`` holds it to its goal; None never fails.
+        tolerance: Share of the baseline by which it may be worse; ``EXACT`` holds it to its goal, None
+            lets it be anything.
         goal: What it should reach.
     """
 
@@ -84,7 +85,7 @@ def seconds(run: Callable[[], object]) -> float:
 class Times:
     """Seconds of several runs, taken in turn."""
 
-    def __init__(self, runs: dict[str, Callable[[], object]], rounds: int = 9):
+    def __init__(self, runs: Mapping[str, Callable[[], object]], rounds: int = 9):
         self.first = {name: seconds(run) for name, run in runs.items()}
         self._rounds = [{name: seconds(run) for name, run in runs.items()} for _ in range(rounds)]
 
@@ -93,7 +94,7 @@ class Times:
         return median(each[name] for each in self._rounds)
 
     def ratio(self, slow: str, fast: str) -> float:
-        """Returns how many times faster ``fast`` is: the median over the rounds, each compared within itself."""
+        """Returns how many times faster ``fast`` is: the median over the rounds of each round's ratio."""
         return median(each[slow] / each[fast] for each in self._rounds)
 
     def compiling(self, name: str) -> float:

@@ -1,4 +1,4 @@
-"""Runs the benchmarks and prints one table; see README.md. Not part of the test suite: python tests/bench/run.py."""
+"""Runs the benchmarks and prints one table; see README.md. No part of the test suite."""
 
 import argparse
 import importlib
@@ -35,7 +35,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description="Benchmarks of jaxkin.")
     parser.add_argument("--only", action="append", choices=SUITES, help="run this suite; may be repeated")
     parser.add_argument("--save", action="store_true", help=f"write {BASELINE.name}")
-    parser.add_argument("--check", action="store_true", help="exit 1 if a metric is worse than the baseline allows")
+    parser.add_argument("--check", action="store_true", help="exit 1 if worse than the baseline allows")
     options = parser.parse_args()
     if options.save and options.only:
         parser.error("--save needs all suites: leave out --only.")
@@ -52,12 +52,15 @@ def main() -> int:
 
     if options.save:
         records = {metric.name: metric.record() for metric in metrics}
-        BASELINE.write_text(json.dumps({"machine": machine.description(), "metrics": records}, indent=2) + "\n")
+        content = {"machine": machine.description(), "metrics": records}
+        BASELINE.write_text(json.dumps(content, indent=2) + "\n")
     return _check(metrics, saved, partial=bool(options.only)) if options.check else 0
 
 
 def _row(metric: Metric, baseline: dict[str, dict]) -> str:
-    goal = "" if metric.goal is None else f"goal {metric.goal:g} {'met' if metric.reaches(metric.goal) else 'MISSED'}"
+    goal = ""
+    if metric.goal is not None:
+        goal = f"goal {metric.goal:g} {'met' if metric.reaches(metric.goal) else 'MISSED'}"
     before = baseline.get(metric.name)
     than = f"was {before['value']:.3g}" if before else ""
     return f"{metric.name:64}{metric.value:10.3g} {metric.unit:12} {than:12} {goal}".rstrip()
@@ -65,7 +68,7 @@ def _row(metric: Metric, baseline: dict[str, dict]) -> str:
 
 def _check(metrics: list[Metric], saved: dict, partial: bool) -> int:
     if saved["machine"] != machine.description():
-        print(f"The baseline is of another machine ({saved['machine']}): ratios may differ; make one with --save.")
+        print(f"The baseline is of another machine ({saved['machine']}): make one of your own with --save.")
     failures = worse(metrics, saved["metrics"])
     if not partial:
         measured = {metric.name for metric in metrics}

@@ -1,14 +1,18 @@
-"""All assembly modes of the analytic 3-RPR on one core: the kernel in cache, and the sweep into fresh memory."""
+"""All assembly modes of the analytic 3-RPR on one core: kernel in cache, sweep into fresh memory."""
+
+from collections.abc import Callable
 
 import jax
 import numpy as np
 from load import WIDE, Rpr3C, load
 from machine import xla_options
 from metric import Metric, Times, duration, mistakes, speedup, throughput
-from tests.oracles.rpr3_exact import count_analytic
 
 import jaxkin as jk
 from jaxkin.sweep.fields import forward_branches
+from tests.oracles.rpr3_exact import count_analytic
+
+Kernel = Callable[..., tuple[jax.Array, ...]]
 
 GEOMETRY = (1.0, 0.0, 1.0)
 KERNEL_BLOCK = 1 << 14
@@ -48,39 +52,40 @@ def _in_cache(robot: jk.Mechanism, libraries: dict[str, Rpr3C]) -> list[Metric]:
         duration("analytic branches: compiling", times.compiling("jaxkin")),
     ]
     for name in libraries:
-        metrics.append(speedup(f"analytic branches: kernel / {name}, in cache", times.ratio(name, "jaxkin"), 0.3))
+        ratio = times.ratio(name, "jaxkin")
+        metrics.append(speedup(f"analytic branches: kernel / {name}, in cache", ratio, 0.3))
         metrics.append(throughput(f"analytic branches: {name}, in cache", SAMPLES, times.median(name)))
     return metrics + _compare(robot, kernel, libraries)
 
 
-def _compare(robot: jk.Mechanism, kernel, libraries: dict[str, Rpr3C]) -> list[Metric]:  # noqa: ANN001
+def _compare(robot: jk.Mechanism, kernel: Kernel, libraries: dict[str, Rpr3C]) -> list[Metric]:
     """Compares the numbers of poses on fresh samples; the exact oracle settles every difference."""
     if not libraries:
         return []
     rho = np.random.default_rng(2).uniform(0, 4, (3, SAMPLES))
-    arrays = [np.stack(part) for part in _lanes(kernel(robot, tuple(rho)))]
-    values, status, multiplicity = arrays
-    count = (multiplicity > 0).sum(axis=0)
-    flagged = (status == jk.Status.SINGULAR).any(axis=0)
+    # Six lanes of x, y, phi, then their statuses, then their multiplicities.
+    arrays = kernel(robot, tuple(rho))
+    flagged = (np.stack(arrays[18:24]) == jk.Status.SINGULAR).any(axis=0)
+    count = (np.stack(arrays[24:]) > 0).sum(axis=0)
     other = (~np.isnan(libraries["C"].branches_cubic(*GEOMETRY, *rho)[:, 0])).sum(axis=0)
     unequal = np.flatnonzero((count != other) & ~flagged)
     wrong = sum(count_analytic(*GEOMETRY, *rho[:, i].tolist()).count != count[i] for i in unequal)
     return [mistakes(f"analytic branches: wrong numbers of poses in {SAMPLES}", wrong)]
 
 
-def _lanes(flat: tuple) -> tuple[tuple, tuple, tuple]:
-    return flat[:18], flat[18:24], flat[24:]
-
-
 def _fresh(robot: jk.Mechanism, libraries: dict[str, Rpr3C]) -> list[Metric]:
     axis = np.linspace(0.0, 4.0, SIDE)
     flat = [np.ascontiguousarray(r).ravel() for r in np.broadcast_arrays(axis[:, None], 1.0, axis)]
     grid = jk.Grid(rho1=(0.0, 4.0, SIDE), rho2=1.0, rho3=(0.0, 4.0, SIDE))
-    runs = {"jaxkin": lambda: jk.sweep(robot, "forward_branches", grid, workers=1, progress=False)}
-    runs |= {name: lambda b=library: b.branches_cubic(*GEOMETRY, *flat) for name, library in libraries.items()}
+    runs: dict[str, Callable[[], object]] = {
+        "jaxkin": lambda: jk.sweep(robot, "forward_branches", grid, workers=1, progress=False)
+    }
+    for name, library in libraries.items():
+        runs[name] = lambda c=library: c.branches_cubic(*GEOMETRY, *flat)
     times, samples = Times(runs), SIDE * SIDE
     metrics = [throughput("analytic branches: sweep into fresh memory", samples, times.median("jaxkin"), 15)]
     for name in libraries:
-        metrics.append(speedup(f"analytic branches: sweep / {name}, fresh memory", times.ratio(name, "jaxkin"), 0.3))
+        ratio = times.ratio(name, "jaxkin")
+        metrics.append(speedup(f"analytic branches: sweep / {name}, fresh memory", ratio, 0.3))
         metrics.append(throughput(f"analytic branches: {name}, fresh memory", samples, times.median(name)))
     return metrics

@@ -1,16 +1,19 @@
 """All assembly modes of the reference 3-RPR on one core: the kernel against NumPy's companion eigenvalues."""
 
 import math
+from collections.abc import Callable
 
 import jax
 import numpy as np
 from machine import xla_options
 from metric import Metric, Times, duration, mistakes, speedup, throughput
 from numpy_rpr3 import branches_general_companion
-from tests.oracles.rpr3_exact import count_general
 
 import jaxkin as jk
 from jaxkin.sweep.fields import forward_branches
+from tests.oracles.rpr3_exact import count_general
+
+Kernel = Callable[..., tuple[jax.Array, ...]]
 
 BLOCK = 1 << 12
 #: Blocks of one timed run, and of the comparison of numbers.
@@ -44,11 +47,14 @@ def measure() -> list[Metric]:
     ]
 
 
-def _compare(robot: jk.Mechanism, kernel, geometry: tuple[float, ...], rho: np.ndarray) -> list[Metric]:  # noqa: ANN001
+def _compare(
+    robot: jk.Mechanism, kernel: Kernel, geometry: tuple[float, ...], rho: np.ndarray
+) -> list[Metric]:
     c2, c3, d3, l2, l3, beta = geometry
     b2, b3 = (l2, 0.0), (l3 * math.cos(beta), l3 * math.sin(beta))
     missed = invented = companion_wrong = 0
     for block in rho:
+        # Six lanes of x, y, phi, then their statuses, then their multiplicities.
         count = (np.stack(kernel(robot, tuple(block))[24:]) > 0).sum(axis=0)
         other = (~np.isnan(branches_general_companion(*geometry, *block)[..., 0])).sum(axis=1)
         for i in np.flatnonzero(count != other):

@@ -1,5 +1,6 @@
 """Two cores against one: two processes, one pinned to a single core, take turns."""
 
+from collections.abc import Callable
 from functools import cache
 
 from machine import worker
@@ -10,7 +11,7 @@ SWEEPS = {"forward_count": 10_000, "forward_branches": 1_500}
 
 
 @cache
-def _sweep(field: str, side: int):  # noqa: ANN202
+def _sweep(field: str, side: int) -> Callable[[], object]:
     import jaxkin as jk
 
     jk.enable_x64()
