@@ -106,7 +106,7 @@ inverse_batch: Callable[..., jk.Branches] = jax.jit(jax.vmap(jk.inverse))
 
 def legs(robot: Robot, poses: np.ndarray) -> np.ndarray:
     """Returns the joints of poses of a batch of robots, ``(n, 3)``."""
-    return np.asarray(inverse_batch(robot, jnp.asarray(poses)).values[:, 0])
+    return np.array(inverse_batch(robot, jnp.asarray(poses)).values[:, 0])
 
 
 def direct_determinant(robot: Robot, pose: Array) -> Array:

@@ -8,7 +8,8 @@ the quadratic.
 
 import itertools
 import math
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +18,8 @@ from jax import Array
 
 from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.quarter import NO_ANGLE, from_half_angle
+
+Carry = TypeVar("Carry")
 
 #: Angles at which a chart may have its infinity; of these, one has a value of at least cos(pi/4) of the maximum.
 CHARTS = 12
@@ -111,26 +114,31 @@ def _root_between(chain: list[list[Array]], low: Array, high: Array, halvings: i
     Newton's would creep.
     """
     rising = _horner(chain[0], low) < 0
-    width = high - low
-    for _ in range(halvings):
-        width = width * 0.5
-        low = jnp.where((_horner(chain[0], low + width) < 0) == rising, low + width, low)
-    low, width = materialise(low, width)
     turn = jnp.where(rising, 1.0, -1.0)
 
-    def cauchy(t: Array) -> Array:
+    def halve(_: object, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+        low, width = bracket[0], bracket[1] * 0.5
+        return jnp.where((_horner(chain[0], low + width) < 0) == rising, low + width, low), width
+
+    low, width = materialise(*_repeat(halvings, halve, (low, high - low)))
+
+    def cauchy(_: object, t: Array) -> Array:
         value, slope, curvature = (turn * _horner(c, t) for c in chain[:3])
         # On the bracket the slope has one sign; where rounding says otherwise it is nearly zero.
         slope = jnp.maximum(slope, 0.0)
         root = jnp.sqrt(jnp.maximum(slope * slope - 2 * value * curvature, 0.0))
         return jnp.clip(t - 2 * value / (slope + root + _TINY), low, low + width)
 
-    t = low + 0.5 * width
-    if steps > 4:
-        return jax.lax.fori_loop(0, steps, lambda _, t: cauchy(t), t)
-    for _ in range(steps):
-        t = cauchy(t)
-    return materialise(t)[0]
+    return materialise(_repeat(steps, cauchy, low + 0.5 * width))[0]
+
+
+def _repeat(times: int, step: Callable[[object, Carry], Carry], start: Carry) -> Carry:
+    """Repeats a step: a few times written out, which runs faster; many in a loop, which compiles faster."""
+    if times > 6:
+        return jax.lax.fori_loop(0, times, step, start)
+    for _ in range(times):
+        start = step(None, start)
+    return start
 
 
 _TINY = float(np.finfo(float).tiny)
@@ -181,7 +189,8 @@ def real_roots(fourier: Array, magnitude: Array, effort: tuple[tuple[int, int], 
         halvings, steps = effort[level == 0]
         inflections = points if level == 1 else inflections
         borders = (ends[0], *points, ends[1])
-        points = [_root_between(chain[level:], low, high, halvings, steps) for low, high in itertools.pairwise(borders)]
+        low, high = jnp.stack(borders[:-1]), jnp.stack(borders[1:])
+        points = list(_root_between(chain[level:], low, high, halvings, steps))
 
     def quarter(t: Array) -> Array:
         return from_half_angle(sin1 + t * cos1, cos1 - t * sin1)

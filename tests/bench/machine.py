@@ -20,11 +20,6 @@ def description() -> dict[str, Any]:
     return {"cores": cores, "avx512": has_avx512(), "architecture": platform.machine()}
 
 
-def xla_options() -> dict[str, int]:
-    """Returns the compiler options that the sweep uses."""
-    return {"xla_cpu_prefer_vector_width": 512} if has_avx512() else {}
-
-
 def worker(cores: int | None = None) -> ProcessPoolExecutor:
     """Starts one fresh process, pinned before it can import JAX: the thread pools of XLA keep to the cores.
 

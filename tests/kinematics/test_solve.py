@@ -2,6 +2,7 @@
 
 import subprocess
 import sys
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
@@ -300,7 +301,8 @@ for call in (jk.forward, jk.inverse):
 jk.enable_x64()
 print(jk.forward(rpr3.analytic(1.0, 0.0, 1.0), (1.2, 1.0, 1.1)).values.dtype)
 """
-    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    root = Path(jk.__file__).parents[1]
+    result = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     lines = result.stdout.splitlines()
     assert lines[-1] == "float64"
     assert len(lines) == 3

@@ -101,9 +101,7 @@ def _compare(result: xarray.Dataset) -> list[Metric]:
     count = result.forward_count.values
     flagged = result.forward_count_nearly_double.values
     differing = np.argwhere((count != other) & ~flagged)
-    wrong = sum(
-        count_analytic(*GEOMETRY, rho1[i], RHO2, rho3[j]).count != count[i, j] for i, j in differing.tolist()
-    )
+    wrong = sum(count_analytic(*GEOMETRY, rho1[i], RHO2, rho3[j]).count != count[i, j] for i, j in differing.tolist())
     return [
         mistakes("count map: unflagged differences from C", len(differing)),
         mistakes("count map: of these, wrong by the exact count", wrong),
