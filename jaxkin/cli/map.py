@@ -41,7 +41,7 @@ def map_command(
     changes: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    r"""Map a field over a grid.
+    """Map a field over a grid.
 
     \b
     jaxkin map rpr3-analytic --fix rho2=1 --grid rho1=0:4:2000 --grid rho3=0:4:2000 --out map

@@ -4,6 +4,7 @@ import csv
 import io
 import json
 import math
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,19 +17,34 @@ if TYPE_CHECKING:
     from jaxkin.core.mechanism import Axis, Mechanism
 
 _ARGUMENTS = {"ignore_unknown_options": True}  # So that a negative number is a value.
-_CSV_HELP = "A CSV whose header names the axes; further columns are ignored."
 
 
-@click.command("forward", context_settings=_ARGUMENTS)
-@click.argument("mechanism")
-@click.argument("values", nargs=-1)
-@click.option("--csv", "table", type=Path, help=_CSV_HELP)
-@click.option("--out", type=Path, help="Write to a file (.csv or .json) instead of the screen.")
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
-@set_option
-@json_option
+def _point_command(name: str) -> Callable[[Callable[..., int]], click.Command]:
+    """Gives a command the arguments and options that both directions share."""
+    table_help = "A CSV whose header names the axes; further columns are ignored."
+    decorators = (
+        click.command(name, context_settings=_ARGUMENTS),
+        click.argument("mechanism"),
+        click.argument("values", nargs=-1),
+        click.option("--csv", "table", type=Path, help=table_help),
+        click.option("--out", type=Path, help="Write to a file (.csv or .json) instead of the screen."),
+        click.option("--force", is_flag=True, help="Replace the file if it exists."),
+        set_option,
+        json_option,
+    )
+
+    def decorate(function: Callable[..., int]) -> click.Command:
+        command: Any = function
+        for decorator in reversed(decorators):
+            command = decorator(command)
+        return command
+
+    return decorate
+
+
+@_point_command("forward")
 def forward_command(**options: Any) -> int:
-    r"""Find all poses (assembly modes) of given joint values.
+    """Find all poses (assembly modes) of given joint values.
 
     \b
     jaxkin forward rpr3 14.98 15.38 12
@@ -37,16 +53,9 @@ def forward_command(**options: Any) -> int:
     return _solve(forward=True, **options)
 
 
-@click.command("inverse", context_settings=_ARGUMENTS)
-@click.argument("mechanism")
-@click.argument("values", nargs=-1)
-@click.option("--csv", "table", type=Path, help=_CSV_HELP)
-@click.option("--out", type=Path, help="Write to a file (.csv or .json) instead of the screen.")
-@click.option("--force", is_flag=True, help="Replace the file if it exists.")
-@set_option
-@json_option
+@_point_command("inverse")
 def inverse_command(**options: Any) -> int:
-    r"""Find all joint values (working modes) of a pose.
+    """Find all joint values (working modes) of a pose.
 
     \b
     jaxkin inverse rpr3 -8.7 12.2 -0.99

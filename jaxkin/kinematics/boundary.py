@@ -40,6 +40,15 @@ def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]
     return array
 
 
+def checked_configuration(who: str, robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> tuple[Array, Array]:
+    """Returns pose and joints as float64 vectors, after all checks."""
+    checked_mechanism(who, robot)
+    return (
+        checked_vector(who, "the pose", pose, robot.pose_axes),
+        checked_vector(who, "the joints", joints, robot.joint_axes),
+    )
+
+
 def as_tuple(vector: Array) -> tuple[Array, ...]:
     """Returns the entries of a vector as scalars, the form that hot kernels take."""
     return tuple(vector[k] for k in range(vector.shape[0]))

@@ -7,7 +7,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.kinematics.boundary import checked_mechanism, checked_vector
+from jaxkin.kinematics.boundary import checked_configuration
 
 
 class Jacobians(NamedTuple):
@@ -34,7 +34,7 @@ def constraints(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Array:
         PrecisionError: float64 is not enabled.
         InputError: Wrong shapes.
     """
-    return _constraints(robot, *_checked("jk.constraints", robot, pose, joints))
+    return _constraints(robot, *checked_configuration("jk.constraints", robot, pose, joints))
 
 
 def jacobians(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Jacobians:
@@ -52,20 +52,12 @@ def jacobians(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Jacobians
     References:
         Gosselin, C. and Angeles, J., 1990, "Singularity analysis of closed-loop kinematic chains".
     """
-    return _jacobians(robot, *_checked("jk.jacobians", robot, pose, joints))
+    return _jacobians(robot, *checked_configuration("jk.jacobians", robot, pose, joints))
 
 
 def margins(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> dict[str, Array]:
     """Returns the signed distance to every limit, one named entry each; negative is a violation."""
-    return _margins(robot, *_checked("jk.margins", robot, pose, joints))
-
-
-def _checked(who: str, robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> tuple[Array, Array]:
-    checked_mechanism(who, robot)
-    return (
-        checked_vector(who, "the pose", pose, robot.pose_axes),
-        checked_vector(who, "the joints", joints, robot.joint_axes),
-    )
+    return _margins(robot, *checked_configuration("jk.margins", robot, pose, joints))
 
 
 @jax.jit

@@ -8,7 +8,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.mechanism import Mechanism, scale_vector
-from jaxkin.kinematics.boundary import checked_mechanism, checked_vector
+from jaxkin.kinematics.boundary import checked_configuration
 from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.numerics import small_linalg
 from jaxkin.numerics.implicit import solve_linear
@@ -44,13 +44,7 @@ def conditioning(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Condit
         PrecisionError: float64 is not enabled.
         InputError: Wrong shapes.
     """
-    who = "jk.conditioning"
-    checked_mechanism(who, robot)
-    return _conditioning(
-        robot,
-        checked_vector(who, "the pose", pose, robot.pose_axes),
-        checked_vector(who, "the joints", joints, robot.joint_axes),
-    )
+    return _conditioning(robot, *checked_configuration("jk.conditioning", robot, pose, joints))
 
 
 @jax.jit

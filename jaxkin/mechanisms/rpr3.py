@@ -36,11 +36,15 @@ class _PlanarRPR3(Mechanism):
     joint_axes = (Axis("rho1", "length", 0.0), Axis("rho2", "length", 0.0), Axis("rho3", "length", 0.0))
     max_branches = 6
 
+    c2: Array
+    c3: Array
+    d3: Array
     limits: Limits
 
     def base_points(self) -> tuple[Point, Point, Point]:
         """Returns A1, A2, A3."""
-        raise NotImplementedError
+        zero = jnp.zeros_like(self.c2)
+        return (zero, zero), (self.c2, zero), (self.c3, self.d3)
 
     def platform_points(self) -> tuple[Point, Point, Point]:
         """Returns B1, B2, B3 in the platform's frame."""
@@ -116,11 +120,6 @@ class AnalyticRPR3(_PlanarRPR3):
     d3: Array
     limits: Limits
 
-    def base_points(self) -> tuple[Point, Point, Point]:
-        """Returns A1, A2, A3."""
-        zero = jnp.zeros_like(self.c2)
-        return (zero, zero), (self.c2, zero), (self.c3, self.d3)
-
     def platform_points(self) -> tuple[Point, Point, Point]:
         """Returns the base mirrored in its own x axis (Eq. (6))."""
         zero = jnp.zeros_like(self.c2)
@@ -188,11 +187,6 @@ class GeneralRPR3(_PlanarRPR3):
     l3: Array
     beta: Array
     limits: Limits
-
-    def base_points(self) -> tuple[Point, Point, Point]:
-        """Returns A1, A2, A3."""
-        zero = jnp.zeros_like(self.c2)
-        return (zero, zero), (self.c2, zero), (self.c3, self.d3)
 
     def platform_points(self) -> tuple[Point, Point, Point]:
         """Returns B1, B2, B3 in the platform's frame."""
