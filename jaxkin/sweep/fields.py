@@ -59,7 +59,7 @@ class Field:
         kernel: (mechanism, coordinates) -> one flat tuple of arrays, elementwise over the coordinates: for
             every variable in order, one array per combination of its leading dimensions.
         block: Mechanism -> samples that one call should take, so that its temporaries stay in cache.
-        packed: Turns the flat tuple of arrays that a call returned into that of the variables.
+        unpack: Turns the flat tuple of arrays that a call returned into that of the variables.
         version: Raise it when the kernel changes its numbers.
     """
 
@@ -90,7 +90,7 @@ def _count_kernel(robot: Mechanism, joints: Coordinates) -> tuple[Array, ...]:
         undecided = lanes[0].status == Status.SINGULAR
         for lane in lanes[1:]:
             undecided = undecided | (lane.status == Status.SINGULAR)
-    # One output, not two: XLA would compute everything again for the second.
+    # One output, not two: XLA writes a loop for each, and computes much of the work again in the second.
     flag = jnp.where(undecided, jnp.uint8(_UNDECIDED_BIT), jnp.uint8(0))
     return (jnp.asarray(number).astype(jnp.uint8) | flag,)
 
@@ -151,9 +151,17 @@ def _branches_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordin
     def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
         lanes = solver(robot, coordinates)
         values = [value for lane in lanes for value in lane.values]
-        return (*values, *(lane.status for lane in lanes), *(lane.multiplicity for lane in lanes))
+        # Status and multiplicity share a byte: every output that XLA need not write costs it a loop less.
+        codes = [lane.status.astype(jnp.uint8) | (lane.multiplicity.astype(jnp.uint8) << 4) for lane in lanes]
+        return (*values, *codes)
 
     return kernel
+
+
+def _unpack_branches(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    codes = [array for array in arrays if array.dtype == np.uint8]
+    values = arrays[: len(arrays) - len(codes)]
+    return (*values, *((code & 0x0F).view(np.int8) for code in codes), *((code >> 4).view(np.int8) for code in codes))
 
 
 #: Poses of all assembly modes, with status and multiplicity.
@@ -164,6 +172,7 @@ forward_branches = Field(
         "forward_branches", "poses of the assembly modes", _lane_count(robot, True), robot.pose_axes
     ),
     kernel=_branches_kernel(forward_lanes),
+    unpack=_unpack_branches,
     block=lambda robot: robot.forward_block,
 )
 
@@ -175,6 +184,7 @@ inverse_branches = Field(
         "inverse_branches", "joint values of the working modes", _lane_count(robot, False), robot.joint_axes
     ),
     kernel=_branches_kernel(inverse_lanes),
+    unpack=_unpack_branches,
 )
 
 
