@@ -14,17 +14,19 @@ from jaxkin.mechanisms import rpr3
 #: Wenger and Chablat 2009, the example of the figures.
 EXAMPLE = (1.0, 0.0, 1.0)
 
-#: Geometry of Innocenti and Parenti-Castelli 1998, base (0, 0), (15.91, 0), (0, 10), sides 17.04, 16.54, 20.84; poses at
-#: the legs 14.98, 15.38, 12 and det dF/dpose there, by certified roots in 50 digits.
+#: Geometry of Innocenti and Parenti-Castelli 1998: base (0, 0), (15.91, 0), (0, 10), sides 17.04, 16.54, 20.84;
+#: poses at these legs and det dF/dpose there, computed in 50 digits.
 REFERENCE_JOINTS = (14.98, 15.38, 12.0)
-REFERENCE_POSES = np.array([
-    (-8.7265953318629088, 12.175669752170042, -0.98697423784544515),
-    (-5.4956608154528646, -13.935498276039359, -0.047331369366917773),
-    (-14.896128100172762, 1.5829616619626078, 0.24530953099162642),
-    (-13.419939013974376, -6.6562479567101796, 0.58567278325855305),
-    (14.920133247154399, -1.3379177430462295, 1.0020385399022499),
-    (14.673943655735036, -3.0126031249259319, 2.1329043650891289),
-])
+REFERENCE_POSES = np.array(
+    [
+        (-8.7265953318629088, 12.175669752170042, -0.98697423784544515),
+        (-5.4956608154528646, -13.935498276039359, -0.047331369366917773),
+        (-14.896128100172762, 1.5829616619626078, 0.24530953099162642),
+        (-13.419939013974376, -6.6562479567101796, 0.58567278325855305),
+        (14.920133247154399, -1.3379177430462295, 1.0020385399022499),
+        (14.673943655735036, -3.0126031249259319, 2.1329043650891289),
+    ]
+)
 REFERENCE_DETERMINANTS = np.array([-233267.66, 295881.28, 76183.82, -78768.95, -367898.55, 313034.17])
 
 Robot = rpr3.AnalyticRPR3 | rpr3.GeneralRPR3
@@ -46,10 +48,12 @@ class TwoSliders(jk.Mechanism):
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         x, y = pose[0], pose[1]
-        return jnp.stack([
-            (x - joints[0]) ** 2 + y**2 - self.first**2,
-            (x - joints[1]) ** 2 + y**2 - self.second**2,
-        ])
+        return jnp.stack(
+            [
+                (x - joints[0]) ** 2 + y**2 - self.first**2,
+                (x - joints[1]) ** 2 + y**2 - self.second**2,
+            ]
+        )
 
     def characteristic_length(self) -> Array:
         return self.first
@@ -189,7 +193,7 @@ def glued_distance(a: np.ndarray, b: np.ndarray, length: np.ndarray | float = 1.
 
 
 def nearest(values: np.ndarray, pose: np.ndarray, length: np.ndarray | float = 1.0) -> np.ndarray:
-    """Returns the distance from each pose ``(n, 3)`` to the nearest lane of ``(n, lanes, 3)``; NaN lanes never count."""
+    """Returns the distance from each pose ``(n, 3)`` to the nearest lane of ``(n, lanes, 3)``; NaN never counts."""
     gaps = glued_distance(np.asarray(values), np.asarray(pose)[:, None], np.asarray(length)[..., None])
     return np.min(np.where(np.isnan(gaps), np.inf, gaps), axis=1)
 

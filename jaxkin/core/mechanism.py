@@ -121,6 +121,7 @@ class Mechanism:
         The generic choice is the change of each equation over one characteristic length (one radian) in
         every coordinate, to first and second order; override it where the terms are known.
         """
+        pose, joints = jnp.asarray(pose), jnp.asarray(joints)
         length = self.characteristic_length()
         step = scale_vector(self.pose_axes, length), scale_vector(self.joint_axes, length)
         total = 0.0

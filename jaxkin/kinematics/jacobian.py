@@ -57,7 +57,8 @@ def jacobians(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Jacobians
 
 def margins(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> dict[str, Array]:
     """Returns the signed distance to every limit, one named entry each; negative is a violation."""
-    return _margins(robot, *checked_configuration("jk.margins", robot, pose, joints))
+    # Not compiled: a dict that comes out of jit has its keys sorted.
+    return robot.margins(*checked_configuration("jk.margins", robot, pose, joints))
 
 
 @jax.jit
@@ -68,11 +69,6 @@ def _constraints(robot: Mechanism, pose: Array, joints: Array) -> Array:
 @jax.jit
 def _jacobians(robot: Mechanism, pose: Array, joints: Array) -> Jacobians:
     return raw_jacobians(robot, pose, joints)
-
-
-@jax.jit
-def _margins(robot: Mechanism, pose: Array, joints: Array) -> dict[str, Array]:
-    return robot.margins(pose, joints)
 
 
 def raw_jacobians(robot: Mechanism, pose: Array, joints: Array) -> Jacobians:

@@ -58,9 +58,12 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
     ordered = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last)
     lanes: list[Lane] = []
-    for u in ordered:
+    for k, u in enumerate(ordered):
         times = jnp.where(u == roots.repeated, roots.times, jnp.int8(1))
-        lanes += _lanes(geometry, joints, _pair(geometry, rho1, a, b, u), u, times)
+        # An angle is known the worse the closer the other roots are, and with it p^2.
+        apart = jnp.abs(u - ordered[k - 1]) * jnp.abs(u - ordered[k - 2])
+        sharpness = jnp.where(u == roots.repeated, 1.0, jnp.minimum(1.0, apart))
+        lanes += _lanes(geometry, joints, _pair(geometry, rho1, a, b, u, sharpness), u, times)
     return tuple(lanes)
 
 
@@ -73,7 +76,7 @@ class _Pair(NamedTuple):
     square: Array
 
 
-def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array) -> _Pair:
+def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpness: Array | float = 1.0) -> _Pair:
     """Solves both lines for h in least squares, and the circle for p^2; 0 within its rounding."""
     c2, c3, d3 = geometry
     s, c = quarter.half_angle(u)
@@ -84,7 +87,7 @@ def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array) -> _Pai
     slack = TOLERANCES.double_length**2
     length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
     blur = slack * (rho1 * rho1 + jnp.abs(rho1) * length + slack * length * length)
-    square = jnp.where(jnp.abs(square) <= blur, 0.0, square)
+    square = jnp.where(jnp.abs(square) * sharpness <= blur, 0.0, square)
     return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan))
 
 

@@ -33,6 +33,13 @@ Points = tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]
 _LANES = 6
 #: How many careful samples are solved together.
 _CAREFUL_BLOCK = 8
+#: A regular pose next to a double one: the last Newton step and the determinant's share of its terms that rounding
+#: leaves.
+_STILL = 2e-8
+_REGULAR = 1e-11
+#: Roots nearer than this angle, or a value under this share of its rounding, leave their number undecided.
+_MEETING_ANGLE = 3e-6
+_MEETING_VALUE = 1e-13
 
 
 class _Robot(NamedTuple):
@@ -306,9 +313,11 @@ def _careful(robot: _Robot, rho: Array) -> _Solved:
     begin = (start, jnp.full_like(c, jnp.inf), jnp.zeros_like(c))
     state, step, determinant = jax.lax.fori_loop(0, 12, polish, begin)
     residual = _residual(robot, rho, state)
-    regular = (residual <= TOLERANCES.residual) & (step < 1e-9) & (determinant > 1e-9)
+    regular = (residual <= TOLERANCES.residual) & (step < _STILL) & (determinant > _REGULAR)
 
-    double, double_times = _singular_poses(robot, rho, roots)
+    # What the values of the characteristic function are known to, as a share of its maximum.
+    known = magnitude / jnp.maximum(jnp.max(jnp.abs(fourier), axis=0), 1e-300)
+    double, double_times = _singular_poses(robot, rho, roots, known)
     double_residual = _residual(robot, rho, double)
     both = _State(*(jnp.concatenate([a, b]) for a, b in zip(double, state, strict=True)))
     accepted = jnp.concatenate([double_times > 0, regular])
@@ -325,7 +334,10 @@ def _careful(robot: _Robot, rho: Array) -> _Solved:
     multiplicity = jnp.where(keep, times, jnp.int8(0))
 
     moving = roots.vanishes | _circle_of_poses(robot, rho, c, s)
-    empty = jnp.where(moving, jnp.int8(Status.SELF_MOTION), jnp.int8(Status.NO_REAL_SOLUTION))
+    meeting = (roots.gap < _MEETING_ANGLE) | (roots.closeness < _MEETING_VALUE * known)
+    undecided = jnp.any(meeting, axis=0)
+    empty = jnp.where(undecided, jnp.int8(Status.UNDECIDED), jnp.int8(Status.NO_REAL_SOLUTION))
+    empty = jnp.where(moving, jnp.int8(Status.SELF_MOTION), empty)
     status = jnp.where(multiplicity > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))
     return _ordered(
         _Solved(
@@ -339,14 +351,14 @@ def _careful(robot: _Robot, rho: Array) -> _Solved:
     )
 
 
-def _singular_poses(robot: _Robot, rho: Array, roots: sextic.SexticRoots) -> tuple[_State, Array]:
+def _singular_poses(robot: _Robot, rho: Array, roots: sextic.SexticRoots, known: Array) -> tuple[_State, Array]:
     """Returns the poses at the critical angles and their multiplicity, 0 where they are not singular."""
     state, lines = _place(robot, rho, *_direction(roots.critical))
     step = _newton_step(robot, rho, state)
     determinant = jnp.abs(step.determinant) / (step.size + 1e-300)
     residual = _residual(robot, rho, state)
     singular = (residual <= TOLERANCES.residual) & (jnp.abs(lines) > 1e-7) & (determinant < 1e-4)
-    double = singular & (roots.gap <= TOLERANCES.double_angle)
+    double = singular & ((roots.gap <= TOLERANCES.double_angle) | (roots.closeness <= 1e-15 * known))
     following = [jnp.roll(value, -1, axis=0) for value in (*state, singular)]
     apart = jnp.abs(state.c - following[2]) + jnp.abs(state.s - following[3])
     crowded = singular & following[4] & (apart < TOLERANCES.triple_angle)

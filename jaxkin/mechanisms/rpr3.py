@@ -13,6 +13,7 @@ References:
 
 from typing import ClassVar
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -216,9 +217,28 @@ class GeneralRPR3(_PlanarRPR3):
         return worst
 
     def forward_kernel(self, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
-        """Returns all assembly modes in six lanes; see ``_rpr3_general.forward``."""
+        """Returns all assembly modes in six lanes; see ``_rpr3_general.forward``.
+
+        A platform that mirrors the base belongs to the analytic family, in which the general elimination sees
+        nothing but double roots; its kernel solves it.
+        """
+        shape = jnp.broadcast_shapes(*(jnp.shape(rho) for rho in joints))
+        joints = tuple(jnp.broadcast_to(rho, shape) for rho in joints)
         base, platform = self.base_points(), self.platform_points()
-        return _rpr3_general.forward(base, platform, self.characteristic_length(), joints)
+        length = self.characteristic_length()
+        return jax.lax.cond(
+            self._mirrored(),
+            lambda q: _rpr3_analytic.forward((self.c2, self.c3, self.d3), q),
+            lambda q: _rpr3_general.forward(base, platform, length, q),
+            joints,
+        )
+
+    def _mirrored(self) -> Array:
+        """True where the platform is the base mirrored in its own x axis, a proper triangle (Eq. (6))."""
+        (bx, by), spread = self.platform_points()[2], self._spread()
+        apart = jnp.abs(self.l2 - self.c2) + jnp.abs(bx - self.c3) + jnp.abs(by + self.d3)
+        proper = jnp.minimum(jnp.abs(self.c2), jnp.abs(self.d3)) > TOLERANCES.geometry * spread
+        return proper & (apart <= TOLERANCES.geometry * spread)
 
 
 def _leaves(**leaves: ArrayLike) -> dict[str, Array]:

@@ -127,10 +127,14 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
     # An angle d at t is a length d (1 + t^2) / 2 on the chart's line.
     pair_mean = mean - y / 2
     pair_scale = (1 + pair_mean * pair_mean) / 2
-    # The nearer the third root, the less rounding lets a pair be resolved.
-    crowding = jnp.maximum(1.0, 0.05 * pair_scale / jnp.maximum(jnp.abs(y), 1e-30))
-    double = jnp.abs(gap) <= (double_angle * pair_scale) ** 2 * crowding
     spread = triple_angle * (1 + mean * mean) / 2
+    # The nearer the third root, the less rounding lets a pair be resolved.
+    nearest = jnp.maximum(jnp.abs(y), spread)
+    crowding = jnp.maximum(1.0, 0.05 * pair_scale / nearest)
+    # Rounding of p and q moves the gap by this, where the coefficients are large.
+    size = jnp.abs(b1) + b2 * b2
+    blur = 8 * jnp.finfo(p.dtype).eps * (4 * size + 3 * (jnp.abs(b0) + jnp.abs(b2) * size) / nearest)
+    double = jnp.abs(gap) <= jnp.maximum((double_angle * pair_scale) ** 2 * crowding, blur)
     triple = (jnp.abs(y) <= spread) & (jnp.abs(gap) <= spread * spread)
     half = jnp.where(double, 0.0, jnp.sqrt(jnp.maximum(gap, 0.0)) / 2)
 

@@ -46,10 +46,10 @@ def solve(m: Matrix3, b: Vector3) -> Vector3:
 
 
 def largest_singular_value(m: Matrix3) -> Array:
-    """Returns the largest singular value, to a few units in the last place.
+    """Returns the largest singular value, to 1e-15, and to 1e-8 of itself where it is nearly double.
 
-    The largest eigenvalue of m m^T by the trigonometric formula, which is well conditioned for the
-    largest one (and only for it).
+    The largest eigenvalue of m m^T by the trigonometric formula, whose arccosine loses half of its digits where two
+    eigenvalues meet.
     """
     scale = jnp.maximum(sum(jnp.abs(entry) for row in m for entry in row), jnp.finfo(float).tiny)
     n = tuple(tuple(entry / scale for entry in row) for row in m)

@@ -87,9 +87,9 @@ def _count_kernel(robot: Mechanism, joints: Coordinates) -> tuple[Array, ...]:
     else:
         lanes = forward_lanes(robot, joints)
         number = sum((lane.multiplicity > 0).astype(jnp.uint8) for lane in lanes)
-        undecided = lanes[0].status == Status.SINGULAR
-        for lane in lanes[1:]:
-            undecided = undecided | (lane.status == Status.SINGULAR)
+        undecided = jnp.asarray(False)
+        for lane in lanes:
+            undecided = undecided | (lane.status == Status.SINGULAR) | (lane.status == Status.UNDECIDED)
     # One output, not two: XLA writes a loop for each, and computes much of the work again in the second.
     flag = jnp.where(undecided, jnp.uint8(_UNDECIDED_BIT), jnp.uint8(0))
     return (jnp.asarray(number).astype(jnp.uint8) | flag,)

@@ -234,13 +234,12 @@ def test_input_that_is_not_finite(make, bad):
         assert_empty(jk.inverse(make(), given), jk.Status.INVALID_INPUT)
 
 
-@pytest.mark.parametrize("c2", [0.0, np.nan, np.inf])
-def test_a_record_made_past_the_constructor(c2):
+def test_a_record_made_past_the_constructor():
     limits = jk.Limits.lengths(3)
-    number = [jnp.asarray(float(v)) for v in (c2, 0.0, 1.0, 1.0, 1.0, 0.5)]
-    robots = [rpr3.AnalyticRPR3(*number[:3], limits)]
-    if c2 != 0:
-        robots.append(rpr3.GeneralRPR3(*number, limits))
+    robots = [rpr3.AnalyticRPR3(jnp.asarray(c2), jnp.zeros(()), jnp.ones(()), limits) for c2 in (0.0, np.nan, np.inf)]
+    # The second robot's legs 1 and 2 share both joints.
+    for number in ((np.nan, 0.0, 1.0, 1.0, 1.0, 0.5), (0.0, 1.0, 1.0, 0.0, 1.0, 0.3)):
+        robots.append(rpr3.GeneralRPR3(*map(jnp.asarray, number), limits))
     for robot in robots:
         assert_empty(jk.forward(robot, (1.0, 1.2, 1.1)), jk.Status.INVALID_GEOMETRY)
         assert_empty(jk.inverse(robot, (1.0, 1.2, 0.3)), jk.Status.INVALID_GEOMETRY)

@@ -22,11 +22,11 @@ def test_changes_are_applied():
 
 
 def test_unknown_names_are_named():
-    with pytest.raises(jk.InputError, match="did you mean 'rpr3-analytic'"):
+    with pytest.raises(jk.InputError, match=r"did you mean 'rpr3-analytic'"):
         catalogue.create("rpr3-analytc")
-    with pytest.raises(jk.InputError, match="'quux'.*rpr3"):
+    with pytest.raises(jk.InputError, match=r"'quux'.*rpr3"):
         catalogue.create("quux")
-    with pytest.raises(jk.InputError, match="no geometry 'c4'.*c2, c3, d3"):
+    with pytest.raises(jk.InputError, match=r"no geometry 'c4'.*c2, c3, d3"):
         catalogue.create("rpr3-analytic", c4=1.0)
     with pytest.raises(jk.GeometryError, match="c2=0"):
         catalogue.create("rpr3-analytic", c2=0.0)

@@ -83,7 +83,8 @@ def test_two_poses_of_the_platform_of_alias():
 
 
 @pytest.mark.parametrize(
-    ("joints", "number"), [((3.0, 0.5, 0.5), 0), ((2.0, 1.0, 1.5), 2), ((0.8, 1.3, 0.5), 4), ((1.2, 1.0, 1.1), 6)]
+    ("joints", "number"),
+    [((3.0, 0.5, 0.5), 0), ((2.0, 1.0, 1.5), 2), ((0.8, 1.3, 0.5), 4), ((1.2, 1.0, 1.1), 6)],
 )
 def test_every_even_number_of_modes_occurs(joints, number):
     robot = rpr3.analytic(*zoo.EXAMPLE)

@@ -69,7 +69,11 @@ def test_three_planted_roots_are_found():
 
 def test_one_real_root_beside_a_complex_pair():
     rng = np.random.default_rng(1)
-    phi, psi, depth = rng.uniform(-np.pi, np.pi, RNG_SIZE), rng.uniform(0, np.pi, RNG_SIZE), rng.uniform(0.05, 2, RNG_SIZE)
+    phi, psi, depth = (
+        rng.uniform(-np.pi, np.pi, RNG_SIZE),
+        rng.uniform(0, np.pi, RNG_SIZE),
+        rng.uniform(0.05, 2, RNG_SIZE),
+    )
     cos, sin = np.cos(psi), np.sin(psi)
     pair = np.stack([cos**2 + depth * sin**2, 2 * cos * sin * (1 - depth), sin**2 + depth * cos**2])
     cubic = product([np.stack([np.cos(phi / 2), -np.sin(phi / 2)]), pair])
@@ -149,7 +153,9 @@ def test_double_roots():
 
 
 def test_triple_roots():
-    angles = np.concatenate([np.random.default_rng(5).uniform(-np.pi, np.pi, RNG_SIZE), [0, np.pi, np.pi / 2, -np.pi / 2]])
+    angles = np.concatenate(
+        [np.random.default_rng(5).uniform(-np.pi, np.pi, RNG_SIZE), [0, np.pi, np.pi / 2, -np.pi / 2]]
+    )
     quarters, repeated, times = (np.asarray(a) for a in solve(planted(angles, angles, angles)))
     assert np.all(times == 3)
     assert np.all(np.sum(quarters < 1, axis=0) == 1)

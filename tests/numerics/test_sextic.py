@@ -11,7 +11,7 @@ SIZE = 4000
 
 
 def planted(*factors):
-    """Returns the Fourier coefficients, ``(7, n)``, of a product of factors m - cos(phi - psi), given as pairs (m, psi)."""
+    """Returns Fourier coefficients ``(7, n)`` of a product of factors m - cos(phi - psi), given as (m, psi)."""
     phi = 2 * np.pi * np.arange(7) / 7
     values = np.ones((7, np.size(factors[0][0])))
     for m, psi in factors:
@@ -142,7 +142,7 @@ def test_the_zero_polynomial_vanishes(solve):
     assert np.asarray(roots.vanishes).all()
     assert np.all(np.asarray(roots.quarters) >= 1)
     noise = 1e-16 * np.random.default_rng(8).normal(size=(7, 3))
-    assert np.asarray(sextic.real_roots(jnp.asarray(noise), jnp.ones(3)).vanishes).all()
+    assert np.asarray(jax.jit(sextic.real_roots)(jnp.asarray(noise), jnp.ones(3)).vanishes).all()
 
 
 @SOLVERS

@@ -66,14 +66,16 @@ def test_singular_extremes_of_nearly_singular_matrices(middle, tiny):
 
 
 def test_singular_extremes_of_special_matrices():
-    special = np.array([
-        np.zeros((3, 3)),
-        np.eye(3),
-        np.diag([2.0, 2.0, 1.0]),
-        np.diag([3.0, 0.0, 0.0]),
-        np.ones((3, 3)),
-        [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
-    ])
+    special = np.array(
+        [
+            np.zeros((3, 3)),
+            np.eye(3),
+            np.diag([2.0, 2.0, 1.0]),
+            np.diag([3.0, 0.0, 0.0]),
+            np.ones((3, 3)),
+            [[0, -1, 0], [1, 0, 0], [0, 0, -1]],
+        ]
+    )
     smallest, largest = extremes(rows(special))
     np.testing.assert_allclose(smallest, [0, 1, 1, 0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(largest, [0, 1, 2, 3, 3, 1], rtol=1e-14)
