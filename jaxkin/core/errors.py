@@ -70,8 +70,8 @@ _SENTENCES = {
     Status.INVALID_GEOMETRY: "the geometry of the mechanism is degenerate or not finite; build it with the "
     "mechanism's constructor, which names what is wrong",
     Status.SELF_MOTION: "self-motion: a curve of solutions instead of isolated ones; change the joints or the geometry",
-    Status.UNDECIDED: "float64 cannot decide whether there is one more pair of solutions: two nearly meet or just miss "
-    "each other here; move the input off the singularity",
+    Status.UNDECIDED: "float64 cannot decide the number of solutions: two nearly meet or just miss each other here; a "
+    "lane that holds one solves the equations; move the input off the singularity to be sure",
     Status.COMPLETENESS_UNKNOWN: "found by a numerical search that cannot prove that it found all; an empty lane "
     "means that nothing more was found, not that nothing more is there",
 }

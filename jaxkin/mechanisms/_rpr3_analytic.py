@@ -53,30 +53,42 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     rho1, rho2, rho3 = joints
     a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
     roots = cubics.real_roots(characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle)
-    keys = [jnp.where(_pair(geometry, rho1, a, b, u).square >= 0, u, quarter.NO_ANGLE) for u in roots.quarters]
+    found = [_pair(geometry, rho1, a, b, u, _sharpness(u, roots)) for u in roots.quarters]
+    doubtful = roots.doubtful | found[0].close | found[1].close | found[2].close
+    keys = [jnp.where(pair.square >= 0, u, quarter.NO_ANGLE) for u, pair in zip(roots.quarters, found, strict=True)]
     low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
     ordered = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last)
     lanes: list[Lane] = []
-    for k, u in enumerate(ordered):
+    for u in ordered:
         times = jnp.where(u == roots.repeated, roots.times, jnp.int8(1))
-        # An angle is known the worse the closer the other roots are, and with it p^2.
-        apart = jnp.abs(u - ordered[k - 1]) * jnp.abs(u - ordered[k - 2])
-        sharpness = jnp.where(u == roots.repeated, 1.0, jnp.minimum(1.0, apart))
-        lanes += _lanes(geometry, joints, _pair(geometry, rho1, a, b, u, sharpness), u, times)
+        pair = _pair(geometry, rho1, a, b, u, _sharpness(u, roots))
+        lanes += _lanes(geometry, joints, pair, u, times, doubtful)
     return tuple(lanes)
 
 
+def _sharpness(u: Array, roots: cubics.CubicRoots) -> Array:
+    """Returns a weight <= 1: an angle is known the worse, and with it p^2, the closer the other roots are."""
+    weight = jnp.ones_like(u)
+    for other in roots.quarters:
+        weight = weight * jnp.where(u == other, 1.0, jnp.abs(u - other))
+    return jnp.minimum(weight, 1.0)
+
+
 class _Pair(NamedTuple):
-    """The poses (+p, -p) of one root: sine and cosine of phi / 2, the length h, and p^2 (NaN: no root)."""
+    """The poses (+p, -p) of one root: sine and cosine of phi / 2, the length h, and p^2 (NaN: no root).
+
+    ``close`` marks a p^2 that is not zero but within ten times its rounding of it.
+    """
 
     s: Array
     c: Array
     h: Array
     square: Array
+    close: Array
 
 
-def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpness: Array | float = 1.0) -> _Pair:
+def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpness: Array) -> _Pair:
     """Solves both lines for h in least squares, and the circle for p^2; 0 within its rounding."""
     c2, c3, d3 = geometry
     s, c = quarter.half_angle(u)
@@ -87,13 +99,18 @@ def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpne
     slack = TOLERANCES.double_length**2
     length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
     blur = slack * (rho1 * rho1 + jnp.abs(rho1) * length + slack * length * length)
-    square = jnp.where(jnp.abs(square) * sharpness <= blur, 0.0, square)
-    return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan))
+    weighted = jnp.abs(square) * sharpness
+    square = jnp.where(weighted <= blur, 0.0, square)
+    return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan), (u < 1) & (weighted > blur) & (weighted <= 10 * blur))
 
 
-def _lanes(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array) -> tuple[Lane, Lane]:
+def _lanes(
+    geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array, doubtful: Array
+) -> tuple[Lane, Lane]:
     """Turns one root into the lanes of +p and -p; they hold NaN exactly where p^2 is negative or NaN."""
-    s, c, h, square = pair
+    s, c, h, square, _ = pair
+    plain = jnp.where(doubtful, jnp.int8(Status.UNDECIDED), jnp.int8(Status.OK))
+    empty = jnp.where(doubtful, jnp.int8(Status.UNDECIDED), jnp.int8(Status.NO_REAL_SOLUTION))
     p = jnp.sqrt(square)
     phi = quarter.angle(u)
     residual = _residual(geometry, joints, pair)
@@ -101,12 +118,12 @@ def _lanes(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array,
     for sign in (1.0, -1.0):
         here = p >= 0 if sign > 0 else p > 0
         number = jnp.where(here, jnp.where(p > 0, times, 2 * times), jnp.int8(0)).astype(jnp.int8)
-        status = jnp.where(number > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))
+        status = jnp.where(number > 1, jnp.int8(Status.SINGULAR), plain)
         q = jnp.where(here, sign * p, jnp.nan)
         lanes.append(
             Lane(
                 values=(q * c - h * s, q * s + h * c, jnp.where(here, phi, jnp.nan)),
-                status=jnp.where(here, status, jnp.int8(Status.NO_REAL_SOLUTION)),
+                status=jnp.where(here, status, empty),
                 multiplicity=number,
                 residual=jnp.where(here, residual, jnp.nan),
             )
@@ -118,7 +135,7 @@ def _residual(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair) -> Arr
     """Returns the largest dimensionless residual of the three constraints; the same for +p and -p."""
     c2, c3, d3 = geometry
     rho1, rho2, rho3 = joints
-    s, c, h, square = pair
+    s, c, h, square, _ = pair
     g, k = c3 * s - d3 * c, c2 * s
     size = c2 * c2 + c3 * c3 + d3 * d3
     first = jnp.where(square == 0, jnp.abs((rho1 - h) * (rho1 + h)), 0.0) / (rho1 * rho1 + size)

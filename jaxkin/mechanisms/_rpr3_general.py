@@ -335,7 +335,7 @@ def _careful(robot: _Robot, rho: Array) -> _Solved:
 
     moving = roots.vanishes | _circle_of_poses(robot, rho, c, s)
     meeting = (roots.gap < _MEETING_ANGLE) | (roots.closeness < _MEETING_VALUE * known)
-    undecided = jnp.any(meeting, axis=0)
+    undecided = jnp.any(meeting, axis=0) & ~jnp.any(multiplicity > 1, axis=0)
     empty = jnp.where(undecided, jnp.int8(Status.UNDECIDED), jnp.int8(Status.NO_REAL_SOLUTION))
     empty = jnp.where(moving, jnp.int8(Status.SELF_MOTION), empty)
     status = jnp.where(multiplicity > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))

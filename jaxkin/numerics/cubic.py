@@ -23,11 +23,13 @@ class CubicRoots(NamedTuple):
         quarters: tan(phi/4) of each root, in no particular order; ``NO_ANGLE`` where there is none.
         repeated: tan(phi/4) of the double or triple root; ``NO_REPETITION`` where there is none.
         times: Its multiplicity, 2 or 3, int8.
+        doubtful: True where a pair of roots meets, or misses, outside the tolerance but within ten times.
     """
 
     quarters: tuple[Array, Array, Array]
     repeated: Array
     times: Array
+    doubtful: Array
 
 
 def evaluate(cubic: Cubic, s: Array, c: Array) -> Array:
@@ -107,7 +109,8 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
 
     Args:
         cubic: (a3, a2, a1, a0), arrays of one shape; not all zero.
-        double_angle: Two roots closer than this, measured as the angle 2 atan(S/C), are one double root.
+        double_angle: Two roots closer than this (or than rounding can resolve), measured as the angle
+            2 atan(S/C), are one double root.
         triple_angle: Three roots within this angle are one triple root, placed at their mean, which
             rounding moves least.
 
@@ -134,7 +137,8 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
     # Rounding of p and q moves the gap by this, where the coefficients are large.
     size = jnp.abs(b1) + b2 * b2
     blur = 8 * jnp.finfo(p.dtype).eps * (4 * size + 3 * (jnp.abs(b0) + jnp.abs(b2) * size) / nearest)
-    double = jnp.abs(gap) <= jnp.maximum((double_angle * pair_scale) ** 2 * crowding, blur)
+    tolerance = jnp.maximum((double_angle * pair_scale) ** 2 * crowding, blur)
+    double = jnp.abs(gap) <= tolerance
     triple = (jnp.abs(y) <= spread) & (jnp.abs(gap) <= spread * spread)
     half = jnp.where(double, 0.0, jnp.sqrt(jnp.maximum(gap, 0.0)) / 2)
 
@@ -148,6 +152,7 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
         quarters=(alone, jnp.where(pair, first, NO_ANGLE), jnp.where(pair & ~double, second, NO_ANGLE)),
         repeated=jnp.where(triple, alone, jnp.where(double, first, NO_REPETITION)),
         times=jnp.where(triple, jnp.int8(3), jnp.int8(2)),
+        doubtful=(jnp.abs(gap) <= 10 * tolerance) & ~double & ~triple,
     )
 
 

@@ -51,4 +51,5 @@ def angle(u: Array) -> Array:
     above, below = jnp.full_like(u, _NUMERATOR[-1]), jnp.full_like(u, _DENOMINATOR[-1])
     for p, q in zip(_NUMERATOR[-2::-1], _DENOMINATOR[-2::-1], strict=True):
         above, below = above * square + p, below * square + q
-    return jnp.clip(4 * u * above / below, -math.pi, _BELOW_PI)
+    phi = jnp.where(u <= -1, -math.pi, 4 * u * above / below)
+    return jnp.clip(phi, -math.pi, _BELOW_PI)

@@ -27,13 +27,13 @@ def test_an_interrupted_sweep_carries_what_was_done():
 
 def test_every_status_has_its_own_sentence():
     sentences = [status.sentence for status in jk.Status]
-    assert len(set(sentences)) == len(jk.Status) == 9
+    assert len(set(sentences)) == len(jk.Status) == 10
     assert all(len(sentence) > 15 for sentence in sentences)
 
 
 def test_codes_are_fixed():
     # They are stored in files.
     names = ("OK", "SINGULAR", "NO_REAL_SOLUTION", "NOT_CONVERGED", "OUTSIDE_LIMITS", "INVALID_INPUT")
-    names += ("INVALID_GEOMETRY", "SELF_MOTION", "COMPLETENESS_UNKNOWN")
+    names += ("INVALID_GEOMETRY", "SELF_MOTION", "COMPLETENESS_UNKNOWN", "UNDECIDED")
     assert [status.name for status in sorted(jk.Status)] == list(names)
-    assert [int(status) for status in sorted(jk.Status)] == list(range(9))
+    assert [int(status) for status in sorted(jk.Status)] == list(range(10))

@@ -164,7 +164,7 @@ def test_triple_roots():
     assert circle_distance(4 * np.arctan(repeated), angles).max() < 1e-13
 
 
-@pytest.mark.parametrize(("gap", "distinct"), [(1e-8, 2), (1e-7, 2), (5e-7, 3), (1e-5, 3)])
+@pytest.mark.parametrize(("gap", "distinct"), [(1e-8, 2), (1e-7, 2), (3e-6, 3), (1e-5, 3)])
 def test_the_tolerance_separates_double_from_two(gap, distinct):
     rng = np.random.default_rng(6)
     middle = rng.uniform(-np.pi, np.pi, RNG_SIZE)

@@ -11,14 +11,16 @@ from numpy_rpr3 import branches_general_companion, count_closed_form
 
 FAMILY = ((1.0, 0.0, 1.0), (1.5, -0.7, 0.4))
 BENCHMARK = (15.91, 0.0, 10.0, 17.04, 20.84, 0.88260310976443155)
-BENCHMARK_POSES = np.array([
-    (-8.7265953318629088, 12.175669752170042, -0.98697423784544515),
-    (-5.4956608154528646, -13.935498276039359, -0.047331369366917773),
-    (-14.896128100172762, 1.5829616619626078, 0.24530953099162642),
-    (-13.419939013974376, -6.6562479567101796, 0.58567278325855305),
-    (14.920133247154399, -1.3379177430462295, 1.0020385399022499),
-    (14.673943655735036, -3.0126031249259319, 2.1329043650891289),
-])
+BENCHMARK_POSES = np.array(
+    [
+        (-8.7265953318629088, 12.175669752170042, -0.98697423784544515),
+        (-5.4956608154528646, -13.935498276039359, -0.047331369366917773),
+        (-14.896128100172762, 1.5829616619626078, 0.24530953099162642),
+        (-13.419939013974376, -6.6562479567101796, 0.58567278325855305),
+        (14.920133247154399, -1.3379177430462295, 1.0020385399022499),
+        (14.673943655735036, -3.0126031249259319, 2.1329043650891289),
+    ]
+)
 
 
 def speed(run: Callable[[], object], samples: int, repeats: int = 7) -> float:
@@ -94,7 +96,9 @@ def check_counts(samples: int = 1_000_000) -> None:
                 rate = speed(lambda: run(*geometry, axis1, rho2, axis3, out), out.size)
                 rows = [slice(o, o + 16) for o in range(0, 2000, 16)]
                 chunked = speed(lambda: [run(*geometry, axis1[p], rho2, axis3, out[p]) for p in rows], out.size)
-                print(f"  {f'{label} grid {name}':28}{wrong:8} differ{rate:17.1f} M/s whole{chunked:9.1f} M/s in chunks of 16 rows")
+                print(
+                    f"  {f'{label} grid {name}':28}{wrong:8} differ{rate:17.1f} M/s whole{chunked:9.1f} M/s in chunks of 16 rows"
+                )
             poses = library.branches_cubic(*geometry, *rho)
             wrong = int(((~np.isnan(poses[:, 0])).sum(0) != reference).sum())
             c2, c3, d3 = geometry
@@ -103,8 +107,10 @@ def check_counts(samples: int = 1_000_000) -> None:
             rate = speed(lambda: [library.branches_cubic(*geometry, *small, outs) for _ in range(100)], 409600)
             whole = np.empty((6, 3, samples))
             rate_whole = speed(lambda: library.branches_cubic(*geometry, *rho, whole), samples)
-            print(f"  {f'{label} branches':28}{wrong:8} differ{rate_whole:17.1f} M/s flat{rate:10.1f} M/s in cache, "
-                  f"residual median {np.nanmedian(error):.1e} worst {np.nanmax(error):.1e}")
+            print(
+                f"  {f'{label} branches':28}{wrong:8} differ{rate_whole:17.1f} M/s flat{rate:10.1f} M/s in cache, "
+                f"residual median {np.nanmedian(error):.1e} worst {np.nanmax(error):.1e}"
+            )
 
 
 def check_general(samples: int = 20_000) -> None:
@@ -119,8 +125,10 @@ def check_general(samples: int = 20_000) -> None:
     subset = slice(0, 2000)
     wrong = int((count[subset] != sign_changes(BENCHMARK, rho[subset], 20_000)).sum())
     rate = speed(lambda: branches_general_companion(*BENCHMARK, *rho.T), samples)
-    print(f"  counts {np.bincount(count, minlength=7)}, {wrong} of 2000 differ from sign changes, "
-          f"residual median {np.nanmedian(error):.1e} worst {np.nanmax(error):.1e}")
+    print(
+        f"  counts {np.bincount(count, minlength=7)}, {wrong} of 2000 differ from sign changes, "
+        f"residual median {np.nanmedian(error):.1e} worst {np.nanmax(error):.1e}"
+    )
     print(f"  {rate:.3f} M/s, {1 / rate:.2f} us a sample")
 
 

@@ -34,13 +34,21 @@ class Rpr3C:
     library: ctypes.CDLL
     flags: tuple[str, ...]
 
-    def _count(self, name: str, geometry: tuple[float, float, float], rho: tuple[np.ndarray, ...], out: np.ndarray | None) -> np.ndarray:
+    def _count(
+        self, name: str, geometry: tuple[float, float, float], rho: tuple[np.ndarray, ...], out: np.ndarray | None
+    ) -> np.ndarray:
         out = np.empty(rho[0].shape, np.uint8) if out is None else out
         getattr(self.library, name)(rho[0].size, *geometry, *rho, out)
         return out
 
     def _grid(
-        self, name: str, geometry: tuple[float, float, float], rho1: np.ndarray, rho2: float, rho3: np.ndarray, out: np.ndarray | None
+        self,
+        name: str,
+        geometry: tuple[float, float, float],
+        rho1: np.ndarray,
+        rho2: float,
+        rho3: np.ndarray,
+        out: np.ndarray | None,
     ) -> np.ndarray:
         out = np.empty((rho1.size, rho3.size), np.uint8) if out is None else out
         getattr(self.library, name)(rho1.size, rho3.size, *geometry, rho1, rho2, rho3, out)

@@ -56,7 +56,13 @@ if numba is not None:
                 out[i] = n + _real(v0, v1, g0, g1, si - co - b, 3 * a, A, B, square)
 
     def count_numba(
-        c2: float, c3: float, d3: float, rho1: np.ndarray, rho2: np.ndarray, rho3: np.ndarray, out: np.ndarray | None = None
+        c2: float,
+        c3: float,
+        d3: float,
+        rho1: np.ndarray,
+        rho2: np.ndarray,
+        rho3: np.ndarray,
+        out: np.ndarray | None = None,
     ) -> np.ndarray:
         """Number of real poses; the leg lengths are contiguous arrays. The first call compiles."""
         out = np.empty(rho1.shape, np.uint8) if out is None else out

@@ -43,7 +43,9 @@ def count_closed_form(c2: float, c3: float, d3: float, r1: np.ndarray, r2: np.nd
     psi = np.arccos(np.clip(-N[three] / (2 * m**3), -1, 1)) / 3
     co, si = m * np.cos(psi), np.sqrt(3) * m * np.sin(psi)
     b3, rest = b[three], (denominator[three], A[three], B[three], square[three])
-    count[three] = 2 * (real(2 * co - b3, *rest).view(np.uint8) + real(-co - si - b3, *rest) + real(si - co - b3, *rest))
+    count[three] = 2 * (
+        real(2 * co - b3, *rest).view(np.uint8) + real(-co - si - b3, *rest) + real(si - co - b3, *rest)
+    )
     return count
 
 
@@ -86,7 +88,9 @@ def branches_general_companion(
     r1 = rho1 * rho1
     A, B = r1 - rho2 * rho2, r1 - rho3 * rho3
 
-    def linear(cos: np.ndarray, sin: np.ndarray, A: np.ndarray, B: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def linear(
+        cos: np.ndarray, sin: np.ndarray, A: np.ndarray, B: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         x3, y3 = l3 * (np.cos(beta) * cos - np.sin(beta) * sin), l3 * (np.sin(beta) * cos + np.cos(beta) * sin)
         R, S, Q = 2 * (l2 * cos - c2), 2 * l2 * sin, l2 * l2 + c2 * c2 - 2 * c2 * l2 * cos + A
         U, V, W = 2 * (x3 - c3), 2 * (y3 - d3), l3 * l3 + c3 * c3 + d3 * d3 - 2 * (c3 * x3 + d3 * y3) + B
