@@ -54,16 +54,16 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
     roots = cubics.real_roots(characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle)
     found = [_pair(geometry, rho1, a, b, u, _sharpness(u, roots)) for u in roots.quarters]
-    doubtful = roots.doubtful | found[0].close | found[1].close | found[2].close
+    doubt = jnp.where(roots.doubtful | found[0].close | found[1].close | found[2].close, 1.0, 0.0)
     keys = [jnp.where(pair.square >= 0, u, quarter.NO_ANGLE) for u, pair in zip(roots.quarters, found, strict=True)]
     low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
-    ordered = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last)
+    *ordered, doubt = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last, doubt)
     lanes: list[Lane] = []
     for u in ordered:
         times = jnp.where(u == roots.repeated, roots.times, jnp.int8(1))
         pair = _pair(geometry, rho1, a, b, u, _sharpness(u, roots))
-        lanes += _lanes(geometry, joints, pair, u, times, doubtful)
+        lanes += _lanes(geometry, joints, pair, u, times, doubt > 0)
     return tuple(lanes)
 
 
