@@ -44,19 +44,21 @@ def main(arguments: list[str] | None = None) -> None:
     try:
         code = cli.main(arguments, prog_name="jaxkin", standalone_mode=False)
     except click.ClickException as error:
-        error.show()
+        click.echo(f"jaxkin: {error.format_message()} See --help.", err=True)
         sys.exit(2)
-    except SweepInterrupted as error:
-        click.echo(f"jaxkin: {error}", err=True)
-        sys.exit(130)
-    except (click.Abort, KeyboardInterrupt):
-        click.echo("jaxkin: stopped.", err=True)
+    except (click.Abort, KeyboardInterrupt) as error:
+        # click turns Ctrl-C into Abort; the sweep's own sentence is its cause.
+        cause = error if isinstance(error, SweepInterrupted) else error.__cause__
+        click.echo(f"jaxkin: {cause if isinstance(cause, SweepInterrupted) else 'stopped.'}", err=True)
         sys.exit(130)
     except JaxkinError as error:
         click.echo(f"jaxkin: {error}", err=True)
         sys.exit(2)
     except BrokenPipeError:
         sys.exit(0)
+    except OSError as error:
+        click.echo(f"jaxkin: {error.filename or 'the output'} cannot be used: {error.strerror}.", err=True)
+        sys.exit(2)
     sys.exit(code if isinstance(code, int) else 0)
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.options import grid_of, json_option, robot_of, set_option, start_jax
+from jaxkin.cli.options import grid_of, json_option, robot_of, set_option, start_jax, write_text
 from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ _PICTURES = ("map.png", "map.pdf")
 @click.option("--fix", "fixes", multiple=True, metavar="AXIS=VALUE", help="Fix an axis.")
 @click.option("--grid", "grids", multiple=True, metavar="AXIS=LOW:HIGH:N", help="Sample an axis.")
 @click.option("--out", type=Path, help="Folder for the picture, the data (Zarr) and the numbers (JSON).")
-@click.option("--force", is_flag=True, help="Replace a map made by another request.")
+@click.option("--force", is_flag=True, help="Replace what is there and start anew.")
 @click.option("--workers", type=click.IntRange(min=1), help="Threads; all cores by default.")
 @set_option
 @json_option
@@ -68,7 +68,9 @@ def _check_folder(out: Path, force: bool) -> None:
     """Refuses, before anything is computed, what could lose something."""
     if out.exists() and not out.is_dir():
         raise StoreError(f"--out is {str(out)!r}, which is a file: choose another folder.")
-    if out.is_dir() and any(out.iterdir()) and not (out / _DATA).exists() and not force:
+    # A hidden rest of a store that was stopped while it was laid out is nobody's.
+    others = [p for p in out.iterdir() if not p.name.startswith(f".{_DATA}.")] if out.is_dir() else []
+    if others and not (out / _DATA).exists() and not force:
         raise StoreError(
             f"--out is {str(out)!r}, which exists and holds something else: choose another folder, or add the map "
             "to it with --force."
@@ -79,12 +81,9 @@ def _check_folder(out: Path, force: bool) -> None:
 
 
 def _numbers(robot: "Mechanism", dataset: "xarray.Dataset") -> dict[str, Any]:
-    import numpy as np
-
     request = json.loads(dataset.attrs["request"])
     name = dataset.attrs["field"]
     main = dataset[name]
-    values = np.asarray(main)
     samples = math.prod(len(dataset[axis]) for axis in request["grid"] if axis in dataset.sizes)
     numbers: dict[str, Any] = {
         "mechanism": request["mechanism"],
@@ -92,27 +91,51 @@ def _numbers(robot: "Mechanism", dataset: "xarray.Dataset") -> dict[str, Any]:
         "field": name,
         "unit": main.attrs["units"],
         "grid": request["grid"],
+        "axis_units": {axis: dataset[axis].attrs["units"] for axis in request["grid"]},
         "samples": samples,
         "complete": bool(dataset.attrs["complete"]),
     }
+    try:
+        numbers |= _statistics(dataset, name, samples)
+    except Exception as error:  # Whatever Zarr meets in a damaged chunk.
+        raise StoreError(
+            f"The data of {name!r} cannot be read ({error}): it is damaged; replace it with --force."
+        ) from error
+    return {**numbers, "request_hash": dataset.attrs["request_hash"], "run_log": json.loads(dataset.attrs["run_log"])}
+
+
+def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str, Any]:
+    """Counts, or the range of a scalar, slab by slab so that a map larger than the memory can be summed up."""
+    import numpy as np
+
+    main = dataset[name]
     if name == "forward_count":
-        found, times = np.unique(values, return_counts=True)
-        numbers["fractions"] = {str(int(n)): int(t) / samples for n, t in zip(found, times, strict=True)}
-        numbers["nearly_double"] = int(np.asarray(dataset[f"{name}_nearly_double"]).sum())
-    else:
-        finite = values[np.isfinite(values)]
-        numbers["defined"] = finite.size / values.size
-        if finite.size:
-            numbers |= {"min": float(finite.min()), "mean": float(finite.mean()), "max": float(finite.max())}
-    return {
-        **numbers,
-        "request_hash": dataset.attrs["request_hash"],
-        "run_log": json.loads(dataset.attrs["run_log"]),
-    }
+        counts, undecided = np.zeros(256, np.int64), 0
+        for slab in _slabs(main.shape):
+            counts += np.bincount(np.asarray(main[slab]).ravel().view(np.uint8), minlength=256)
+            undecided += int(np.asarray(dataset[f"{name}_nearly_double"][slab]).sum())
+        found = {str(n): int(counts[n]) for n in np.flatnonzero(counts)}
+        fractions = {n: count / samples for n, count in found.items()}
+        return {"fractions": fractions, "counts": found, "nearly_double": undecided}
+    if any(dim not in json.loads(dataset.attrs["request"])["grid"] for dim in main.dims):
+        return {}  # Branches and limits mix quantities; one range over them would mean nothing.
+    values = np.asarray(main)
+    defined = values[~np.isnan(values)]
+    statistics: dict[str, Any] = {"defined": defined.size / values.size}
+    if defined.size:
+        statistics |= {"min": float(defined.min()), "mean": float(defined.mean()), "max": float(defined.max())}
+    return statistics
+
+
+def _slabs(shape: tuple[int, ...]) -> list[slice]:
+    """Cuts the first axis so that a slab has some million samples."""
+    rows = max(1, (1 << 24) // max(1, math.prod(shape[1:])))
+    return [slice(start, start + rows) for start in range(0, shape[0], rows)]
 
 
 def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force: bool) -> dict[str, str]:
-    """Writes the files that are missing (all, with --force); tells where each is."""
+    """Writes the files that are missing or of another request (all, with --force); tells where each is."""
+    force = force or _request_of(out / _NUMBERS) != numbers["request_hash"]
     files = {"data": str(out / _DATA), "numbers": str(out / _NUMBERS)}
     missing = [out / name for name in _PICTURES if force or not (out / name).exists()]
     if missing:
@@ -122,8 +145,16 @@ def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force:
             click.echo(f"jaxkin: no picture: {error}", err=True)
     files |= {path.suffix[1:]: str(path) for path in map(out.joinpath, _PICTURES) if path.exists()}
     if force or not (out / _NUMBERS).exists():
-        (out / _NUMBERS).write_text(json.dumps({**numbers, "files": files}, indent=2) + "\n")
+        write_text(out / _NUMBERS, json.dumps({**numbers, "files": files}, indent=2) + "\n")
     return files
+
+
+def _request_of(path: Path) -> str | None:
+    """Returns the request that a file of numbers belongs to; it is written last, so it vouches for the pictures."""
+    try:
+        return json.loads(path.read_text())["request_hash"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
 
 
 def _draw(dataset: "xarray.Dataset", paths: list[Path]) -> None:
@@ -147,10 +178,12 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
         for axis, value in numbers["grid"].items()
     )
     lines = [str(robot), f"{numbers['field']} over {grid}: {numbers['samples']:,} samples"]
+    if not numbers["complete"]:
+        lines.append("  incomplete: run the same command again")
     if "fractions" in numbers:
         lines += [f"  {n:>3} solutions  {share:10.4%}" for n, share in numbers["fractions"].items()]
         lines.append(f"  nearly double (undecided in float64): {numbers['nearly_double']}")
-    else:
+    elif "defined" in numbers:
         lines.append(
             f"  defined on {numbers['defined']:.2%}"
             + "".join(f", {key} {numbers[key]:.6g}" for key in ("min", "mean", "max") if key in numbers)

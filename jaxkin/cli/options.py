@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.core.errors import InputError
+from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism
@@ -45,12 +45,23 @@ def number(what: str, text: str) -> float:
         InputError: It is none.
     """
     try:
-        value = float(text)
+        value = float(text.replace("_", "?"))  # Python would read 1_0 as 10.
     except ValueError:
         raise InputError(f"{what} is {text!r}: it must be a number.") from None
     if not math.isfinite(value):
         raise InputError(f"{what} is {text!r}: it must be a finite number.")
     return value
+
+
+def write_text(path: Path, text: str) -> None:
+    """Writes a file aside and renames it, so that a full disk costs nothing that existed."""
+    aside = path.with_name(f".{path.name}.new")
+    try:
+        aside.write_text(text)
+        os.replace(aside, path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise StoreError(f"{path} cannot be written ({error.strerror}): choose another place.") from error
 
 
 def pairs(option: str, items: tuple[str, ...]) -> dict[str, str]:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.options import json_option, number, robot_of, set_option, start_jax
+from jaxkin.cli.options import json_option, number, robot_of, set_option, start_jax, write_text
 from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -76,6 +76,10 @@ def _solve(
 ) -> int:
     if out is not None:
         _check_out(out, force)
+        if table is not None and out.resolve() == table.resolve():
+            raise InputError(f"--csv and --out are both {str(out)!r}: choose another name for the result.")
+    from jaxkin.core.provenance import jsonable
+
     start_jax()
     robot = robot_of(mechanism, changes)
     axes = robot.joint_axes if forward else robot.pose_axes
@@ -87,7 +91,7 @@ def _solve(
     if as_json or (out is not None and out.suffix == ".json"):
         content: dict[str, Any] = {
             "mechanism": robot.id,
-            "geometry": _finite(robot.geometry()),
+            "geometry": jsonable(robot.geometry()),
             "solutions": records,
         }
         text = json.dumps(content, indent=2) + "\n"
@@ -98,7 +102,7 @@ def _solve(
     if out is None:
         click.echo(text, nl=False)
     else:
-        out.write_text(text)
+        write_text(out, text)
         click.echo(f"{len(records)} rows written to {out}", err=True)
     for complaint in complaints:
         click.echo(f"jaxkin: {complaint}", err=True)
@@ -115,6 +119,9 @@ def _check_out(out: Path, force: bool) -> None:
 
 
 def _one(values: tuple[str, ...], axes: "tuple[Axis, ...]") -> list[float]:
+    for value in values:
+        if value.startswith("--"):
+            raise InputError(f"There is no option {value!r}: see --help.")
     if len(values) != len(axes):
         names = " ".join(axis.name.upper() for axis in axes)
         raise InputError(f"Got {len(values)} values ({' '.join(values)}): a point is {names}.")
@@ -128,19 +135,28 @@ def _table(path: Path, axes: "tuple[Axis, ...]") -> tuple[list[list[float]], lis
             reader = csv.DictReader(file)
             header = [name.strip() for name in reader.fieldnames or []]
             reader.fieldnames = header
-            records = list(reader)
-    except (OSError, UnicodeDecodeError) as error:
+            records = [(reader.line_num, record) for record in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f"{path} cannot be read: {getattr(error, 'strerror', None) or error}.") from error
     for axis in axes:
-        if axis.name not in header:
+        if header.count(axis.name) != 1:
+            problem = "is missing" if axis.name not in header else "stands twice"
             raise InputError(
-                f"{path} has the columns {', '.join(header) or 'none'}: the column {axis.name!r} is missing."
+                f"{path} has the columns {', '.join(header) or '(none)'}: the column {axis.name!r} {problem}; its first "
+                f"line must name {', '.join(a.name for a in axes)} once each, separated by commas."
             )
     if not records:
         raise InputError(f"{path} has a header and no rows: add at least one point.")
     rows, complaints = [], []
-    for line, record in enumerate(records, 2):
+    for line, record in records:
         row = []
+        if None in record:
+            complaints.append(
+                f"{path}, line {line} has more cells than the header has names: write numbers with a decimal point. "
+                "Its row has the status invalid_input."
+            )
+            rows.append([math.nan] * len(axes))
+            continue
         for axis in axes:
             try:
                 row.append(number(f"{path}, line {line}: {axis.name}", (record[axis.name] or "").strip()))
@@ -191,15 +207,6 @@ _MEASURES = ("multiplicity", "residual", "determinant")
 
 def _or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _finite(value: Any) -> Any:
-    """Replaces infinite limits by None, which JSON knows."""
-    if isinstance(value, dict):
-        return {key: _finite(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_finite(entry) for entry in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _csv_text(records: list[dict[str, Any]]) -> str:

@@ -66,7 +66,8 @@ _SENTENCES = {
     "one, or report the input as a bug",
     Status.OUTSIDE_LIMITS: "joint values outside the limits (a negative length is always outside); widen "
     "robot.limits or change the joints",
-    Status.INVALID_INPUT: "the input is not a finite number; remove NaN and infinite values",
+    Status.INVALID_INPUT: "the input is not a finite number, or larger than 1e60; remove NaN and infinite "
+    "values, or choose another unit",
     Status.INVALID_GEOMETRY: "the geometry of the mechanism is degenerate or not finite; build it with the "
     "mechanism's constructor, which names what is wrong",
     Status.SELF_MOTION: "self-motion: a curve of solutions instead of isolated ones; change the joints or the geometry",

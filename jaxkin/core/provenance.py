@@ -3,6 +3,7 @@
 import datetime
 import hashlib
 import json
+import math
 import platform
 from dataclasses import dataclass
 from typing import Any
@@ -48,6 +49,15 @@ def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[f"{prefix}{key}"] = value
     return flat
+
+
+def jsonable(value: Any) -> Any:
+    """Writes infinite limits as text, which JSON has no number for."""
+    if isinstance(value, dict):
+        return {key: jsonable(entry) for key, entry in value.items()}
+    if isinstance(value, list):
+        return [jsonable(entry) for entry in value]
+    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def run_log(**entries: Any) -> dict[str, Any]:

@@ -1,10 +1,11 @@
 """What every public entry point checks before a kernel sees its arguments."""
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
 
-from jaxkin.core.errors import InputError
+from jaxkin.core.errors import InputError, PrecisionError
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.core.precision import require_x64
 from jaxkin.core.tracing import is_traced
@@ -17,6 +18,11 @@ def checked_mechanism(who: str, robot: Mechanism) -> None:
         raise InputError(
             f"{who} got a {type(robot).__name__} as its mechanism: pass a jaxkin.Mechanism first, for instance "
             "jk.mechanisms.rpr3.reference()."
+        )
+    if any(getattr(leaf, "dtype", None) == jnp.float32 for leaf in jax.tree_util.tree_leaves(robot)):
+        raise PrecisionError(
+            f"{who} got a mechanism with float32 geometry, made before float64 was enabled: call "
+            "`jaxkin.enable_x64()` first and make the mechanism again."
         )
 
 

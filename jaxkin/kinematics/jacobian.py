@@ -57,8 +57,9 @@ def jacobians(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> Jacobians
 
 def margins(robot: Mechanism, pose: ArrayLike, joints: ArrayLike) -> dict[str, Array]:
     """Returns the signed distance to every limit, one named entry each; negative is a violation."""
+    configuration = checked_configuration("jk.margins", robot, pose, joints)
     # Not compiled: a dict that comes out of jit has its keys sorted.
-    return robot.margins(*checked_configuration("jk.margins", robot, pose, joints))
+    return robot.margins(*configuration)
 
 
 @jax.jit

@@ -6,7 +6,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.branches import Branches, Lane, stack_lanes
-from jaxkin.core.errors import Status
+from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
 from jaxkin.kinematics.boundary import as_tuple, checked_mechanism, checked_vector
 from jaxkin.numerics import newton
@@ -91,11 +91,15 @@ def inside_limits(robot: Mechanism, joints: tuple[Array, ...]) -> Array:
     return inside
 
 
+#: Squares and products of larger inputs would overflow.
+LARGEST = 1e60
+
+
 def _nothing_to_say(robot: Mechanism, given: tuple[Array, ...]) -> tuple[Array, Array]:
     """Returns where the input or the geometry is bad, and the status that says which."""
     finite = jnp.asarray(True)
     for value in given:
-        finite = finite & jnp.isfinite(value)
+        finite = finite & (jnp.abs(value) <= LARGEST)
     geometry = robot.geometry_ok()
     return ~(finite & geometry), jnp.where(geometry, Status.INVALID_INPUT, Status.INVALID_GEOMETRY)
 
@@ -170,14 +174,25 @@ def _joint_residual(joints: Array, theta: tuple[Mechanism, Array]) -> Array:
     return robot.constraints(pose, joints)
 
 
+def _one_robot(robot: Mechanism) -> None:
+    """Raises, while tracing, for a batch of robots."""
+    if jnp.ndim(robot.characteristic_length()) != 0:
+        raise InputError(
+            f"Got a batch of robots of shape {jnp.shape(robot.characteristic_length())}: pass one robot, or use "
+            "jax.vmap over the robot as well (in_axes=(0, ...))."
+        )
+
+
 @jax.jit
 def _forward(robot: Mechanism, joints: Array) -> Branches:
+    _one_robot(robot)
     still = jax.lax.stop_gradient((robot, joints))
     return _with_derivatives(_pose_residual, stack_lanes(forward_lanes(still[0], as_tuple(still[1]))), robot, joints)
 
 
 @jax.jit
 def _inverse(robot: Mechanism, pose: Array) -> Branches:
+    _one_robot(robot)
     still = jax.lax.stop_gradient((robot, pose))
     return _with_derivatives(_joint_residual, stack_lanes(inverse_lanes(still[0], as_tuple(still[1]))), robot, pose)
 

@@ -40,6 +40,8 @@ _REGULAR = 1e-11
 #: Roots nearer than this angle, or a value under this share of its rounding, leave their number undecided.
 _MEETING_ANGLE = 3e-6
 _MEETING_VALUE = 1e-13
+#: Legs of so many characteristic lengths leave the number of modes undecided.
+_FAR = 3e3
 
 
 class _Robot(NamedTuple):
@@ -86,6 +88,11 @@ def forward(base: Points, platform: Points, length: Array, joints: tuple[Array, 
     rho = jnp.stack([jnp.broadcast_to(value, shape).reshape(-1) / length for value in joints])
     solved, suspicious = _fast(robot, rho)
     solved = _second_pass(robot, rho, solved, suspicious)
+    # Where all legs are this long, rounding of the legs moves the platform by as much as its modes are apart.
+    far = jnp.min(rho, axis=0) > _FAR
+    decided = (solved.status == Status.OK) | (solved.status == Status.NO_REAL_SOLUTION)
+    status = jnp.where(far[None] & decided, jnp.int8(Status.UNDECIDED), solved.status)
+    solved = solved._replace(status=status)
     lanes = []
     for k in range(_LANES):
         here = solved.multiplicity[k] > 0

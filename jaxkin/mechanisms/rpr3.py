@@ -252,7 +252,13 @@ def _leaves(**leaves: ArrayLike) -> dict[str, Array]:
         if not is_traced(array) and not np.all(np.isfinite(array)):
             raise GeometryError(f"{name} is {value}: geometry must be finite; replace NaN and infinite values.")
         result[name] = array
-    return dict(zip(result, jnp.broadcast_arrays(*result.values()), strict=True))
+    try:
+        return dict(zip(result, jnp.broadcast_arrays(*result.values()), strict=True))
+    except ValueError as error:
+        shapes = ", ".join(f"{name} {jnp.shape(value)}" for name, value in result.items())
+        raise GeometryError(
+            f"The shapes of the geometry differ ({shapes}): give numbers, or arrays of one shape."
+        ) from error
 
 
 def analytic(c2: ArrayLike, c3: ArrayLike, d3: ArrayLike, limits: Limits | None = None) -> AnalyticRPR3:
@@ -333,5 +339,9 @@ def reference(limits: Limits | None = None) -> GeneralRPR3:
 def _batch_limits(limits: Limits | None, leaf: Array) -> Limits:
     """Gives limits the batch shape of the geometry, so that a batch of robots maps over every leaf."""
     limits = Limits.lengths(3) if limits is None else limits
+    if not isinstance(limits, Limits) or {jnp.shape(limits.low)[-1:], jnp.shape(limits.high)[-1:]} != {(3,)}:
+        raise GeometryError(f"limits is {limits!r}: it must be a jaxkin.Limits with three low and three high values.")
+    if not is_traced(limits.low) and not is_traced(limits.high) and not np.all(limits.low <= limits.high):
+        raise GeometryError(f"limits is {limits!r}: every low limit must be a number not greater than the high one.")
     shape = (*leaf.shape, 3)
     return Limits(jnp.broadcast_to(limits.low, shape), jnp.broadcast_to(limits.high, shape))

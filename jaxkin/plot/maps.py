@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 #: Regions smaller than this share of the picture get no label; the legend still names them.
 _LABEL_SHARE = 0.004
+#: A picture is drawn from at most about twice so many samples a side.
+_MOST_SAMPLES = 2000
 #: Labels are placed on a picture of at most so many samples a side.
 _LABEL_SAMPLES = 400
 
@@ -51,10 +53,10 @@ def section(result: "xarray.Dataset | xarray.DataArray", variable: str | None = 
         _, ax = plt.subplots(figsize=(5.2, 4.6), layout="constrained")
     if data.ndim == 1:
         _line(data, ax)  # type: ignore[arg-type]
-    elif np.issubdtype(data.dtype, np.integer):
-        _regions(data, ax)  # type: ignore[arg-type]
     else:
-        _shades(data, ax)  # type: ignore[arg-type]
+        # No page shows more samples than this, and an image of all would take many times the data's memory.
+        data = data[tuple(slice(None, None, max(1, n // _MOST_SAMPLES)) for n in data.shape)]
+        (_regions if np.issubdtype(data.dtype, np.integer) else _shades)(data, ax)  # type: ignore[arg-type]
     fixed = [
         f"{style.symbol(str(n))} = {float(c):g}" for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"
     ]

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from jax import Array
 
 from jaxkin.core.errors import GeometryError, InputError, SweepInterrupted
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.core.provenance import ALGORITHM_VERSION, Request, run_log
+from jaxkin.core.provenance import ALGORITHM_VERSION, Request, jsonable, run_log
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields, result
 from jaxkin.sweep.fields import Field, Variable
@@ -55,7 +55,7 @@ def sweep(
         grid: A ``Grid`` over all axes of the field's space.
         store: Folder of a Zarr store for results that outlive the process or the memory; the same request
             goes on where it stopped. Without it the result is held in memory.
-        overwrite: Replaces a jaxkin store made by another request. Nothing else is ever replaced.
+        overwrite: Replaces a jaxkin store, whatever request made it, and starts anew. Nothing else is ever replaced.
         workers: Threads that run compiled chunks side by side; the number of cores by default.
         progress: True or False to force or forbid the progress bar; by default it shows on a terminal.
 
@@ -82,11 +82,30 @@ def sweep(
         raise GeometryError(f"{robot}: the geometry is degenerate or not finite; build it with its constructor.")
     bound = grid.bind(field.axes(robot), "joint" if field.domain == "joints" else "pose")
     plan = _plan(robot, field, bound)
+    _check_size(plan, in_memory=store is None)
     request = _request(robot, field, bound, plan.variables)
     keeper: Store | None = None
     if store is not None:
         keeper = Store.open(Path(store), request, plan.variables, bound, plan.tile, overwrite=overwrite)
     return _run(robot, plan, request, keeper, workers or _cores(), progress)
+
+
+#: More tiles than this would take hours to list; more samples on one axis, gigabytes of coordinates.
+_MOST_TILES = 10**7
+
+
+def _check_size(plan: "_Plan", in_memory: bool) -> None:
+    """Refuses what cannot fit before anything is allocated."""
+    size = plan.grid.size
+    if size / math.prod(plan.tile) > _MOST_TILES or max(plan.grid.shape) > 10**8:
+        raise InputError(f"The grid has {size:.3g} samples: that is more than one sweep can list; use fewer.")
+    need = size * sum(np.dtype(v.dtype).itemsize * math.prod(v.lead) for v in plan.variables)
+    have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else math.inf
+    if in_memory and need > 0.8 * have:
+        raise InputError(
+            f"The grid has {size:.3g} samples, which need {need / 1e9:.0f} GB; this machine has {have / 1e9:.0f} GB: "
+            "give a store (store=..., --out) or use fewer samples."
+        )
 
 
 def _cores() -> int:
@@ -142,7 +161,7 @@ def _request(robot: Mechanism, field: Field, grid: BoundGrid, variables: tuple[V
     return Request(
         {
             "mechanism": robot.id or f"{type(robot).__module__}.{type(robot).__qualname__}",
-            "geometry": _jsonable(robot.geometry()),
+            "geometry": jsonable(robot.geometry()),
             "field": {"name": field.name, "version": field.version},
             "variables": [variable.name for variable in variables],
             "grid": grid.content(),
@@ -150,15 +169,6 @@ def _request(robot: Mechanism, field: Field, grid: BoundGrid, variables: tuple[V
             "algorithm": ALGORITHM_VERSION,
         }
     )
-
-
-def _jsonable(value: Any) -> Any:
-    """Writes infinite limits as text, which JSON has no number for."""
-    if isinstance(value, dict):
-        return {key: _jsonable(entry) for key, entry in value.items()}
-    if isinstance(value, list):
-        return [_jsonable(entry) for entry in value]
-    return str(value) if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _block_values(

@@ -57,13 +57,14 @@ class Store:
         """
         if path.exists() and not _is_empty_folder(path):
             content = read_request(path)
-            if content == json.loads(request.text):
-                return cls(path, variables)
             if not overwrite:
-                raise StoreError(
-                    f"{path} was made by another request ({request.difference(content)}): choose another store, or "
-                    "replace it with overwrite=True (--force)."
-                )
+                if content != json.loads(request.text):
+                    raise StoreError(
+                        f"{path} was made by another request ({request.difference(content)}): choose another store, or "
+                        "replace it with overwrite=True (--force)."
+                    )
+                _verify(path, variables, grid, tile)
+                return cls(path, variables)
             shutil.rmtree(path)
         # Made aside and renamed, so that a store that exists is whole.
         aside = path.with_name(f".{path.name}.{os.getpid()}.new")
@@ -72,14 +73,18 @@ class Store:
             _lay_out(aside, request, variables, grid, tile)
             os.replace(aside, path)
         except OSError as error:
+            if (path / "zarr.json").exists():
+                remedy = "another process made it meanwhile; wait for it, then run the same request again"
+            else:
+                remedy = "choose a folder that you may write"
+            raise StoreError(f"{path} cannot be written ({error.strerror or error}): {remedy}.") from error
+        finally:
             shutil.rmtree(aside, ignore_errors=True)
-            reason = error.strerror or error
-            raise StoreError(f"{path} cannot be written ({reason}): choose a folder that you may write.") from error
         return cls(path, variables)
 
     def done(self) -> set[int]:
         """Returns the numbers of the tiles that were written whole."""
-        return {int(number) for number in _JOURNAL_LINE.findall(_text(self._beside(_JOURNAL)))}
+        return _journalled(self.path, self._variables[0].name)
 
     def write(self, number: int, box: tuple[slice, ...], arrays: dict[str, np.ndarray]) -> None:
         """Writes one tile, then journals it."""
@@ -114,9 +119,8 @@ def open_store(path: Path) -> "xarray.Dataset":
     dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
     attrs = dataset.attrs
     labels, tiles = json.loads(attrs.pop("labels")), attrs.pop("tiles")
-    beside = path / attrs["field"]
-    complete = int(len(set(_JOURNAL_LINE.findall(_text(beside / _JOURNAL)))) == tiles)
-    last = (_text(beside / _RUN_LOG).splitlines() or ["{}"])[-1]
+    complete = int(len(_journalled(path, attrs["field"])) == tiles)
+    last = (_text(path / attrs["field"] / _RUN_LOG).splitlines() or ["{}"])[-1]
     axes = [name for name in dataset.data_vars if name not in json.loads(attrs["request"])["variables"]]
     return dataset.set_coords(axes).assign_coords(labels).assign_attrs(complete=complete, run_log=last)
 
@@ -129,19 +133,60 @@ def read_request(path: Path) -> dict[str, Any]:
     """
     if not path.is_dir() or not (path / "zarr.json").exists():
         raise StoreError(
-            f"{path} exists and is no jaxkin store: choose another path; jaxkin replaces only stores of its own."
+            f"{path} exists and is no jaxkin store: move it away or choose another path; jaxkin replaces only stores "
+            "of its own."
         )
     try:
         return json.loads(json.loads((path / "zarr.json").read_text())["attributes"]["request"])
     except (KeyError, TypeError, ValueError, OSError) as error:
         raise StoreError(
             f"{path} holds a Zarr group without a readable jaxkin request (cut short, or made by another program): "
-            "move it away or choose another path."
+            "move it away or choose another path; --force replaces only what is surely jaxkin's."
         ) from error
 
 
 def _text(path: Path) -> str:
-    return path.read_text() if path.exists() else ""
+    return path.read_text(errors="replace") if path.exists() else ""
+
+
+def _journalled(path: Path, field: str) -> set[int]:
+    """Returns the numbers of the tiles that the journal says were written, and whose data is there.
+
+    Zarr leaves out a chunk that holds nothing but the fill value; only of counts, which never are, a missing
+    chunk proves a loss.
+    """
+    numbers = {int(number) for number in _JOURNAL_LINE.findall(_text(path / field / _JOURNAL))}
+    array = zarr.open_array(path / field, mode="r")
+    if not np.issubdtype(array.dtype, np.integer):
+        return numbers
+    counts = [-(-n // c) for n, c in zip(array.shape, array.chunks, strict=True)]
+    inside = (number for number in numbers if number < np.prod(counts))
+    return {n for n in inside if path.joinpath(field, "c", *map(str, np.unravel_index(n, counts))).exists()}
+
+
+def _verify(path: Path, variables: tuple[Variable, ...], grid: BoundGrid, tile: tuple[int, ...]) -> None:
+    """Raises unless the store has every array as it was laid out, and its coordinates.
+
+    Raises:
+        StoreError: It is damaged.
+    """
+    try:
+        group = zarr.open_group(path, mode="r")
+        for variable in variables:
+            array = group[variable.name]
+            expected = (*variable.lead, *grid.shape), (*variable.lead, *tile), np.dtype(variable.dtype)
+            if not isinstance(array, zarr.Array) or (array.shape, array.chunks, array.dtype) != expected:
+                raise ValueError(f"the array {variable.name!r} has another layout")
+        for name, (_, values, _) in result.axis_coordinates(grid).items():
+            if not np.array_equal(np.asarray(group[name][...]), values):  # type: ignore[index]
+                raise ValueError(f"the coordinates {name!r} are not those of the request")
+        if not {"tiles", "labels"} <= set(group.attrs):
+            raise ValueError("its attributes are incomplete")
+    except Exception as error:  # Whatever Zarr meets in damaged files: many types, one answer.
+        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        raise StoreError(
+            f"{path} is a damaged jaxkin store ({reason}): move it away, or replace it with overwrite=True (--force)."
+        ) from error
 
 
 def _is_empty_folder(path: Path) -> bool:

@@ -163,6 +163,67 @@ def test_map_of_a_pose_field_and_without_a_picture(run, tmp_path):
     assert (tmp_path / "cube" / "map.zarr").is_dir()
 
 
+def test_pictures_and_numbers_never_belong_to_another_request(run, tmp_path):
+    # As when a forced replacement is stopped after the data: numbers and pictures are still the old ones.
+    out = tmp_path / "map"
+    run(*MAP, "--out", out)
+    old = snapshot(out)
+    other = tmp_path / "other"
+    run(*MAP[:3], "rho2=2", *MAP[4:], "--out", other)
+    for name in ("map.json", "map.png", "map.pdf"):
+        (other / name).write_bytes(old[out / name])
+    code, printed, _ = run(*MAP[:3], "rho2=2", *MAP[4:], "--out", other, "--json")
+    assert code == 0
+    numbers = json.loads((other / "map.json").read_text())
+    assert numbers["grid"]["rho2"] == 2.0
+    assert numbers["counts"] == json.loads(printed)["counts"]
+    assert (other / "map.png").read_bytes() != old[out / "map.png"]
+
+
+def test_a_damaged_chunk_is_one_sentence(run, tmp_path):
+    out = tmp_path / "map"
+    run(*MAP, "--out", out)
+    chunk = out / "map.zarr" / "forward_count" / "c" / "0" / "0"
+    chunk.write_bytes(chunk.read_bytes()[:20])
+    code, _, err = run(*MAP, "--out", out)
+    assert code == 2
+    assert "damaged" in err
+    assert "Traceback" not in err
+    assert run(*MAP, "--out", out, "--force")[0] == 0
+
+
+def test_tables_that_mean_something_else_are_told(run, tmp_path):
+    table = tmp_path / "legs.csv"
+    for content, word in (
+        ("rho1,rho2,rho3\n14,98,15,38,12,0\n", "line 2 has more cells"),
+        ("rho1,rho1,rho2,rho3\n1,1,1,1\n", "stands twice"),
+        ("rho1;rho2;rho3\n1;1;1\n", "separated by commas"),
+        ("rho1,rho2,rho3\n1,1,1\n\n\n1,x,1\n", "line 5: rho2"),
+        ("rho1,rho2,rho3\n1_0,1,1\n", "1_0"),
+    ):
+        table.write_text(content)
+        code, _, err = run("forward", "rpr3", "--csv", table)
+        assert code == 2, content
+        assert word in err
+    table.write_text("rho1,rho2,rho3\n1,1,1\n")
+    code, _, err = run("forward", "rpr3", "--csv", table, "--out", table, "--force")
+    assert code == 2
+    assert table.read_text() == "rho1,rho2,rho3\n1,1,1\n"
+
+
+def test_ctrl_c_says_what_was_kept(run, tmp_path, monkeypatch):
+    from jaxkin.core.errors import SweepInterrupted
+    from jaxkin.sweep import engine
+
+    def stopped(*_, **__):
+        raise SweepInterrupted("Stopped after 3 of 9 samples.", None, 3)
+
+    monkeypatch.setattr(engine, "_run", stopped)
+    code, _, err = run(*MAP, "--out", tmp_path / "map")
+    assert code == 130
+    assert err.strip() == "jaxkin: Stopped after 3 of 9 samples."
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -187,6 +248,9 @@ def test_map_of_a_pose_field_and_without_a_picture(run, tmp_path):
         (["forward", "rpr3", "1", "2"], ["2 values", "RHO1 RHO2 RHO3"]),
         (["forward", "rpr3", "1", "2", "three"], ["rho3", "three", "number"]),
         (["forward", "rpr3"], ["one point", "--csv"]),
+        (["forward", "rpr3", "1", "1", "1", "--bogus"], ["--bogus", "no option"]),
+        (["map", "rpr3-analytic", *[a for k in "123" for a in ("--grid", f"rho{k}=0:4:1000000")]], ["1e+18", "fewer"]),
+        (["map", "rpr3-analytic", "--fix", "rho2=1", "--grid", "rho1=0:4:900000", "--grid", "rho3=0:4:900000"], ["GB"]),
         (["forward", "rpr3", "--csv", "nowhere.csv"], ["nowhere.csv", "cannot be read"]),
         (["forward", "rpr3", "1", "2", "3", "--out", "result.txt"], ["result.txt", ".csv or .json"]),
         (["forward", "rpr3", "1", "2", "3", "--out", "no/where/r.csv"], ["no/where", "make it first"]),

@@ -370,3 +370,28 @@ def test_search_solutions_have_derivatives():
     slope = jax.grad(lambda robot: jk.forward(robot, joints).values[1, 0])(robot)
     assert float(slope.first) == pytest.approx(1.5 / 1.1, rel=1e-10)
     assert float(slope.second) == pytest.approx(-1.2 / 1.1, rel=1e-10)
+
+
+def test_inputs_whose_squares_overflow_are_invalid():
+    for robot in (jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0), jk.mechanisms.rpr3.reference()):
+        for joints in ([1e155] * 3, [1e300] * 3, [1.0, 2.0, 1e300]):
+            found = jk.forward(robot, joints)
+            assert not found.valid.any()
+            assert (found.status == jk.Status.INVALID_INPUT).all()
+
+
+def test_very_long_legs_are_undecided_and_long_ones_are_not():
+    robot = jk.mechanisms.rpr3.reference()
+    assert int(jk.forward(robot, [1e4] * 3).count) == 4
+    assert not (jk.forward(robot, [1e4] * 3).status == jk.Status.UNDECIDED).any()
+    assert (jk.forward(robot, [1e7] * 3).status == jk.Status.UNDECIDED).any()
+
+
+def test_a_batch_of_robots_and_a_float32_robot_are_named():
+    batch = jax.vmap(lambda c3: jk.mechanisms.rpr3.analytic(1.0, c3, 1.0))(jnp.zeros(3))
+    with pytest.raises(jk.InputError, match=r"jax\.vmap"):
+        jk.forward(batch, [1.0, 1.0, 1.0])
+    robot = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
+    single = robot.replace(c2=jnp.asarray(1.0, jnp.float32))
+    with pytest.raises(jk.PrecisionError, match="make the mechanism again"):
+        jk.forward(single, [1.0, 1.0, 1.0])

@@ -1,5 +1,6 @@
 import json
 import os
+import shutil
 
 import numpy as np
 import pytest
@@ -132,3 +133,40 @@ def test_the_run_log_is_no_part_of_identity(tmp_path):
     other = jk.sweep(ROBOT, "forward_count", GRID, workers=2)
     assert one.attrs["request_hash"] == other.attrs["request_hash"]
     assert json.loads(one.attrs["run_log"])["workers"] == 1
+
+
+DAMAGE = {
+    "array description gone": lambda s: (s / "forward_count" / "zarr.json").unlink(),
+    "array description cut": lambda s: _cut(s / "forward_count_nearly_double" / "zarr.json"),
+    "array gone": lambda s: shutil.rmtree(s / "forward_count"),
+    "coordinates gone": lambda s: shutil.rmtree(s / "rho1"),
+    "coordinates cut": lambda s: _cut(next((s / "rho3" / "c").iterdir())),
+    "coordinates' chunk gone": lambda s: shutil.rmtree(s / "rho1" / "c"),
+}
+
+
+def _cut(path):
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_store_is_refused_in_one_sentence_and_replaced_when_asked(damage, tmp_path):
+    store = tmp_path / "map.zarr"
+    whole = jk.sweep(ROBOT, "forward_count", GRID, store=store).load()
+    DAMAGE[damage](store)
+    with pytest.raises(jk.StoreError, match="damaged") as caught:
+        jk.sweep(ROBOT, "forward_count", GRID, store=store)
+    assert "\n" not in str(caught.value)
+    assert "overwrite=True" in str(caught.value)
+    xarray.testing.assert_equal(jk.sweep(ROBOT, "forward_count", GRID, store=store, overwrite=True).load(), whole)
+
+
+def test_a_lost_chunk_is_computed_again(tmp_path):
+    store = tmp_path / "map.zarr"
+    whole = jk.sweep(ROBOT, "forward_count", GRID, store=store).load()
+    (store / "forward_count" / "c" / "2" / "0").unlink()
+    with (store / "forward_count" / "tiles.journal").open("ab") as journal:
+        journal.write(b"\xff\x00 done\n99999 done\n")
+    again = jk.sweep(ROBOT, "forward_count", GRID, store=store)
+    assert again.attrs["complete"] == 1
+    xarray.testing.assert_equal(again.load(), whole)
