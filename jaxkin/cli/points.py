@@ -142,8 +142,8 @@ def _table(path: Path, axes: "tuple[Axis, ...]") -> tuple[list[list[float]], lis
         if header.count(axis.name) != 1:
             problem = "is missing" if axis.name not in header else "stands twice"
             raise InputError(
-                f"{path} has the columns {', '.join(header) or '(none)'}: the column {axis.name!r} {problem}; its first "
-                f"line must name {', '.join(a.name for a in axes)} once each, separated by commas."
+                f"{path} has the columns {', '.join(header) or '(none)'}: the column {axis.name!r} {problem}; its "
+                f"first line must name {', '.join(a.name for a in axes)} once each, separated by commas."
             )
     if not records:
         raise InputError(f"{path} has a header and no rows: add at least one point.")
