@@ -187,11 +187,12 @@ def sturm_chain(cubic: Cubic, undecided: float) -> SturmChain:
     # The discriminant by the Hessian form H = h2 S^2 + h1 S C + h0 C^2: disc = -(h1^2 - 4 h2 h0) / 3.
     h2, h1, h0 = a2 * a2 - 3 * a3 * a1, a2 * a1 - 9 * a3 * a0, a1 * a1 - 3 * a2 * a0
     disc = (4 * h2 * h0 - h1 * h1) / 3
-    m2, m1, m0 = (
-        a2 * a2 + 3 * jnp.abs(a3 * a1),
-        jnp.abs(a2 * a1) + 9 * jnp.abs(a3 * a0),
-        a1 * a1 + 3 * jnp.abs(a2 * a0),
-    )
+    # Each coefficient is known to the rounding of the largest, small ones too: that counts for a root near infinity.
+    n3, n2, n1, n0 = (jnp.abs(value) for value in cubic)
+    blur = 1e-4 * (n3 + n2 + n1 + n0)
+    m2 = n2 * n2 + 3 * n3 * n1 + (2 * n2 + 3 * (n3 + n1)) * blur
+    m1 = n2 * n1 + 9 * n3 * n0 + (n2 + n1 + 9 * (n3 + n0)) * blur
+    m0 = n1 * n1 + 3 * n2 * n0 + (2 * n1 + 3 * (n2 + n0)) * blur
     noise = undecided * (4 * m2 * m0 + m1 * m1)
     slope = (sign * a3, sign * a2, sign * a1, jnp.zeros_like(a0))
     return SturmChain(slope, (2 * h2, h1), disc, jnp.abs(disc) <= noise, sign)
