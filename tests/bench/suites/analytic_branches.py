@@ -69,9 +69,9 @@ def _compare(robot: jk.Mechanism, kernel: Kernel, libraries: dict[str, Rpr3C]) -
         return []
     rho = np.random.default_rng(2).uniform(0, 4, (3, SAMPLES))
     # Six lanes of x, y, phi, then their statuses, then their multiplicities.
-    arrays = [np.asarray(array) for array in kernel(robot, tuple(rho))]
+    arrays = forward_branches.unpack(tuple(np.asarray(array) for array in kernel(robot, tuple(rho))))
     poses = np.stack(arrays[:18]).reshape(6, 3, -1)
-    flagged = (np.stack(arrays[18:24]) == jk.Status.SINGULAR).any(axis=0)
+    flagged = np.isin(np.stack(arrays[18:24]), (jk.Status.SINGULAR, jk.Status.UNDECIDED)).any(axis=0)
     here = np.stack(arrays[24:]) > 0
     count = here.sum(axis=0)
     astray = here & ~(residual(AS_GENERAL, np.moveaxis(poses, 1, 2), rho.T) <= LEG_ERROR)

@@ -55,7 +55,7 @@ def _compare(robot: jk.Mechanism, kernel: Kernel, geometry: tuple[float, ...], r
     missed = invented = astray = companion_wrong = 0
     for block in rho:
         # Six lanes of x, y, phi, then their statuses, then their multiplicities.
-        arrays = [np.asarray(array) for array in kernel(robot, tuple(block))]
+        arrays = forward_branches.unpack(tuple(np.asarray(array) for array in kernel(robot, tuple(block))))
         poses = np.stack(arrays[:18]).reshape(6, 3, -1)
         here = np.stack(arrays[24:]) > 0
         error = residual(geometry, np.moveaxis(poses, 1, 2), block.T)
