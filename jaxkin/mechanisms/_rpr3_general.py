@@ -38,8 +38,8 @@ _CAREFUL_BLOCK = 8
 _STILL = 2e-8
 _REGULAR = 1e-11
 #: Roots nearer than this angle, or a value under this share of its rounding, leave their number undecided.
-_MEETING_ANGLE = 3e-6
-_MEETING_VALUE = 1e-13
+_MEETING_ANGLE = 1e-5
+_MEETING_VALUE = 1e-11
 #: Legs of so many characteristic lengths leave the number of modes undecided.
 _FAR = 3e3
 
@@ -342,10 +342,13 @@ def _careful(robot: _Robot, rho: Array) -> _Solved:
 
     moving = roots.vanishes | _circle_of_poses(robot, rho, c, s)
     meeting = (roots.gap < _MEETING_ANGLE) | (roots.closeness < _MEETING_VALUE * known)
-    undecided = jnp.any(meeting, axis=0) & ~jnp.any(multiplicity > 1, axis=0)
+    # With multiplicity the number of modes is even; an odd one means that rounding lost or made one.
+    odd = jnp.sum(multiplicity, axis=0) % 2 == 1
+    undecided = (jnp.any(meeting, axis=0) & ~jnp.any(multiplicity > 1, axis=0)) | odd
     empty = jnp.where(undecided, jnp.int8(Status.UNDECIDED), jnp.int8(Status.NO_REAL_SOLUTION))
     empty = jnp.where(moving, jnp.int8(Status.SELF_MOTION), empty)
-    status = jnp.where(multiplicity > 1, jnp.int8(Status.SINGULAR), jnp.int8(Status.OK))
+    plain = jnp.where(undecided, jnp.int8(Status.UNDECIDED), jnp.int8(Status.OK))
+    status = jnp.where(multiplicity > 1, jnp.int8(Status.SINGULAR), plain[None])
     return _ordered(
         _Solved(
             both.x,

@@ -70,10 +70,12 @@ def test_samples_next_to_a_singularity_are_exact_or_flagged():
     assert singular[layer == 0].mean() > 0.9
 
 
-def test_the_number_of_modes_with_multiplicity_is_even():
-    branches, _, _ = solved(*layered(3, SIZE))
+def test_the_number_of_modes_with_multiplicity_is_even_or_flagged():
+    branches, _, singular = solved(*layered(3, SIZE))
     odd = np.asarray(branches.multiplicity).sum(axis=1) % 2 == 1
-    assert odd.sum() == 0
+    flagged = singular | np.any(np.asarray(branches.status) == jk.Status.UNDECIDED, axis=1)
+    assert not (odd & ~flagged).any()
+    assert odd.mean() < 0.1
 
 
 @pytest.mark.slow
