@@ -1,0 +1,1 @@
+"""What the equations and the fields mean: singular curves and surfaces, cusps."""

@@ -1,0 +1,165 @@
+"""What a singularity map is made of: curves, crossings, and how they are summed up."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, overload
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A piece of the singular set over a section, in order along the curve.
+
+    Attributes:
+        joints: ``(k, n_joint)`` joint values.
+        poses: ``(k, n_pose)`` the singular pose over each, angles in [-pi, pi); NaN on a virtual curve.
+        closed: True where the last point is followed by the first (which is not repeated).
+        residual: Largest dimensionless residual of the equations along the curve.
+        label: Factor of the singularity, or name of the closed form, that vanishes here; "" where there is none.
+        virtual: True where the polynomial vanishes but the pose is complex: no singular pose, no change of count.
+        ends: What the curve ends on, for instance ``("rho3 = 4", "crossing")``; two empty texts where closed.
+    """
+
+    joints: np.ndarray
+    poses: np.ndarray
+    closed: bool
+    residual: float
+    label: str = ""
+    virtual: bool = False
+    ends: tuple[str, str] = ("", "")
+
+    def __len__(self) -> int:
+        """Number of points."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True)
+class Crossings:
+    """Points where the singular set crosses itself: the gradient of the determinant vanishes. They are no cusps.
+
+    Attributes:
+        joints: ``(n, n_joint)``.
+        poses: ``(n, n_pose)``.
+        residual: ``(n,)`` dimensionless.
+    """
+
+    joints: np.ndarray
+    poses: np.ndarray
+    residual: np.ndarray
+
+    def __len__(self) -> int:
+        """Number of crossings."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True)
+class SingularCurves(Sequence[Curve]):
+    """All singular curves of a section of the joint space.
+
+    Attributes:
+        curves: The curves, longest first.
+        crossings: Where they cross in pose space.
+        request: What determines the numbers: mechanism, geometry, section, method.
+        pose_names: Names of the pose axes.
+        joint_names: Names of the joint axes.
+        units: Unit of every axis.
+        evidence: What speaks for completeness, by name.
+    """
+
+    curves: tuple[Curve, ...]
+    crossings: Crossings
+    request: dict[str, Any]
+    pose_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: dict[str, str]
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+    @overload
+    def __getitem__(self, index: int) -> Curve: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Curve, ...]: ...
+    def __getitem__(self, index: int | slice) -> Curve | tuple[Curve, ...]:
+        """Returns one curve, or a tuple of them."""
+        return self.curves[index]
+
+    def __len__(self) -> int:
+        """Number of curves."""
+        return len(self.curves)
+
+    def __iter__(self) -> Iterator[Curve]:
+        """Runs over the curves."""
+        return iter(self.curves)
+
+    @property
+    def residual(self) -> float:
+        """Largest dimensionless residual of all points."""
+        return max((curve.residual for curve in self.curves), default=0.0)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the free joint axes."""
+        return tuple(name for name, value in self.request["section"].items() if isinstance(value, list))
+
+    def __str__(self) -> str:
+        """A summary of a few lines."""
+        closed = sum(curve.closed for curve in self.curves)
+        virtual = sum(curve.virtual for curve in self.curves)
+        lines = [
+            f"{len(self)} singular curves over {', '.join(self.free)} ({closed} closed, {virtual} virtual), "
+            f"{sum(map(len, self.curves))} points, {len(self.crossings)} crossings, residual {self.residual:.1e}"
+        ]
+        lines += [
+            f"  {curve.label or 'curve'}: {len(curve)} points, "
+            + ("closed" if curve.closed else f"from {curve.ends[0]} to {curve.ends[1]}")
+            + (", virtual" if curve.virtual else "")
+            for curve in self.curves
+        ]
+        lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
+        return "\n".join(lines)
+
+    def to_dataset(self) -> "xarray.Dataset":
+        """Returns all points in one table: dimension ``point``, with the number of their curve."""
+        import xarray
+
+        numbers = np.concatenate([np.full(len(c), k) for k, c in enumerate(self.curves)] or [np.zeros(0, int)])
+        columns: dict[str, Any] = {"curve": ("point", numbers)}
+        for names, which in ((self.joint_names, "joints"), (self.pose_names, "poses")):
+            points = np.concatenate([getattr(c, which) for c in self.curves] or [np.zeros((0, len(names)))])
+            columns |= {n: ("point", points[:, k], {"units": self.units[n]}) for k, n in enumerate(names)}
+        attributes = {
+            "curve_label": json.dumps([c.label for c in self.curves]),
+            "curve_closed": json.dumps([c.closed for c in self.curves]),
+            "curve_virtual": json.dumps([c.virtual for c in self.curves]),
+            "request": json.dumps(self.request),
+        }
+        return xarray.Dataset(columns, attrs=attributes)
+
+    def to_json(self) -> str:
+        """Returns everything as JSON text; complex poses are null."""
+        curves = [
+            {
+                "label": c.label,
+                "closed": c.closed,
+                "virtual": c.virtual,
+                "ends": list(c.ends),
+                "residual": c.residual,
+                "joints": c.joints.tolist(),
+                "poses": None if c.virtual else c.poses.tolist(),
+            }
+            for c in self.curves
+        ]
+        content = {
+            "request": self.request,
+            "joint_axes": list(self.joint_names),
+            "pose_axes": list(self.pose_names),
+            "units": self.units,
+            "curves": curves,
+            "crossings": {"joints": self.crossings.joints.tolist(), "poses": self.crossings.poses.tolist()},
+            "evidence": self.evidence,
+        }
+        return json.dumps(content, indent=2)

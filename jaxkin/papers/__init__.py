@@ -1,0 +1,1 @@
+"""One file a paper: makes its figures and tables, and checks what it prints."""
