@@ -8,6 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxkin.numerics.small_linalg import pivoted_solve
+
 
 class Found(NamedTuple):
     """Distinct solutions, those that exist first.
@@ -38,6 +40,45 @@ def lattice(starts: int, dimension: int) -> np.ndarray:
     return (0.5 + np.outer(np.arange(1, starts + 1), g ** -np.arange(1.0, dimension + 1))) % 1.0
 
 
+def value_and_slope(function: Callable[[Array], Array]) -> Callable[[Array], tuple[Array, Array]]:
+    """Returns a function that gives value ``(k,)`` and Jacobian ``(k, n)`` at once, compiled once."""
+    slope = jax.jacfwd(lambda x: (function(x),) * 2, has_aux=True)
+    return lambda x: slope(x)[::-1]
+
+
+def descend(function: Callable[[Array], Array], x: Array, steps: int) -> Array:
+    """Returns x after Levenberg-Marquardt steps towards function(x) = 0, ``(n,) -> (k,)``, of order one.
+
+    There may be more or fewer equations than unknowns: it then ends at a point of least squares, or near the start.
+    """
+    both, eye = value_and_slope(function), jnp.eye(len(x))
+
+    def step(k: Array, carry: tuple[Array, Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array, Array]:
+        # The function stands here once only: it is what takes long to compile.
+        x, f, j, trial, damping = carry
+        f_trial, j_trial = both(trial)
+        better = (jnp.sum(f_trial**2) < jnp.sum(f**2)) | (k == 0)
+        damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 5), 1e-14, 1e6)
+        x, f, j = jnp.where(better, trial, x), jnp.where(better, f_trial, f), jnp.where(better, j_trial, j)
+        return x, f, j, x - pivoted_solve(j.T @ j + damping * eye, j.T @ f), damping
+
+    shapes = jax.eval_shape(both, x)
+    f, j = (jnp.zeros(shape.shape) for shape in shapes)
+    return jax.lax.fori_loop(0, steps, step, (x, f, j, x, jnp.asarray(5e-2)))[0]
+
+
+def polish(function: Callable[[Array], Array], x: Array, steps: int = 3, trust: float = 1e-2) -> Array:
+    """Returns x after Newton's steps, the shortest ones where equations are fewer than unknowns; a long one is not made."""
+    both = value_and_slope(function)
+
+    def step(_: Array, x: Array) -> Array:
+        f, j = both(x)
+        move = pivoted_solve(j, f) if j.shape[0] == j.shape[1] else j.T @ pivoted_solve(j @ j.T, f)
+        return jnp.where(jnp.max(jnp.abs(move)) < trust, x - move, x)
+
+    return jax.lax.fori_loop(0, steps, step, x)
+
+
 def search(
     function: Callable[[Array], Array],
     low: Array,
@@ -58,27 +99,8 @@ def search(
     n = len(low)
     x = low + (high - low) * jnp.asarray(lattice(starts, n))
     jacobian = jax.jacfwd(function)
-    eye = jnp.eye(n)
 
-    def descend(x: Array) -> Array:
-        def step(_: Array, carry: tuple[Array, Array, Array, Array]) -> tuple[Array, Array, Array, Array]:
-            x, f, j, damping = carry
-            gradient = j.T @ f
-            trial = x - jnp.linalg.solve(j.T @ j + damping * eye, gradient)
-            f_trial = function(trial)
-            better = jnp.sum(f_trial**2) < jnp.sum(f**2)
-            damping = jnp.clip(jnp.where(better, damping * 0.2, damping * 5), 1e-14, 1e6)
-            x, f = jnp.where(better, trial, x), jnp.where(better, f_trial, f)
-            return x, f, jacobian(x), damping
-
-        f = function(x)
-        return jax.lax.fori_loop(0, steps, step, (x, f, jacobian(x), jnp.asarray(1e-2)))[0]
-
-    def polish(x: Array) -> Array:
-        move = jnp.linalg.solve(jacobian(x), function(x))
-        return jnp.where(jnp.all(jnp.abs(move) < 1e-3), x - move, x)
-
-    x = jax.vmap(lambda x: polish(polish(descend(x))))(x)
+    x = jax.vmap(lambda x: polish(function, descend(function, x, steps), steps=2, trust=1e-3))(x)
     wraps = jnp.isfinite(period)
     turn = jnp.where(wraps, period, 1.0)
     x = jnp.where(wraps, (x - low) % turn + low, x)

@@ -1,4 +1,7 @@
-"""Unrolled algebra of 3x3 matrices, as nested tuples of arrays so that it fuses and broadcasts."""
+"""Unrolled algebra of small matrices, so that it fuses and broadcasts.
+
+3x3 matrices are nested tuples of arrays, for the hot kernels; the last functions take ``(n, n)`` arrays of any small n.
+"""
 
 from typing import TypeAlias
 
@@ -76,3 +79,59 @@ def singular_extremes(m: Matrix3) -> tuple[Array, Array]:
     det = jnp.abs(determinant(m))
     smallest = jnp.where(middle > 0, det / jnp.where(middle > 0, middle, 1.0), 0.0)
     return smallest, largest_singular_value(m)
+
+
+def expanded_determinant(matrix: Array) -> Array:
+    """Returns the determinant of an ``(n, n)`` matrix by expansion, n 2^(n-1) products without a division.
+
+    A polynomial of the entries: its derivatives of every order are right at singular matrices of any rank, where
+    those of a factorisation are not. Meant for n <= 8.
+    """
+    n = matrix.shape[0]
+    minors: dict[int, Array] = {0: jnp.ones((), matrix.dtype)}
+    for row in range(n):
+        wider: dict[int, Array] = {}
+        for columns, minor in minors.items():
+            for column in range(n):
+                if not columns >> column & 1:
+                    # Columns to the right that are taken already: the transpositions to sort this one in.
+                    sign = -1.0 if (columns >> (column + 1)).bit_count() % 2 else 1.0
+                    key = columns | 1 << column
+                    wider[key] = wider.get(key, 0.0) + sign * matrix[row, column] * minor  # type: ignore[operator]
+        minors = wider
+    return minors[(1 << n) - 1]
+
+
+def null_vector(matrix: Array) -> Array:
+    """Returns the generalised cross product of the n - 1 rows of an ``(n - 1, n)`` matrix.
+
+    It is orthogonal to the rows, and the matrix with it as last row has a positive determinant, its squared length; it
+    vanishes where the rows are dependent.
+    """
+    n = matrix.shape[1]
+    parts = []
+    for column in range(n):
+        rest = jnp.concatenate([matrix[:, :column], matrix[:, column + 1 :]], axis=1)
+        parts.append(expanded_determinant(rest) * (1.0 if (n - 1 + column) % 2 == 0 else -1.0))
+    return jnp.stack(parts)
+
+
+def pivoted_solve(matrix: Array, right: Array) -> Array:
+    """Solves an ``(n, n)`` system by elimination with partial pivoting, unrolled; a singular one gives inf or NaN."""
+    n = matrix.shape[0]
+    rows = [[matrix[i, j] for j in range(n)] + [right[i]] for i in range(n)]
+    for k in range(n):
+        for i in range(k + 1, n):
+            # Compare and swap until the largest pivot stands in row k: no gather, so that it vectorises.
+            swap = jnp.abs(rows[i][k]) > jnp.abs(rows[k][k])
+            upper = [jnp.where(swap, b, a) for a, b in zip(rows[k], rows[i], strict=True)]
+            rows[i] = [jnp.where(swap, a, b) for a, b in zip(rows[k], rows[i], strict=True)]
+            rows[k] = upper
+        inverse = 1.0 / rows[k][k]
+        for i in range(k + 1, n):
+            factor = rows[i][k] * inverse
+            rows[i] = [a - factor * b for a, b in zip(rows[i], rows[k], strict=True)]
+    x: list[Array] = [right[0]] * n
+    for k in reversed(range(n)):
+        x[k] = (rows[k][n] - sum(rows[k][j] * x[j] for j in range(k + 1, n))) / rows[k][k]
+    return jnp.stack(x)

@@ -1,0 +1,138 @@
+"""``jk.singular_curves``: the singular set of a section of the joint space."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.core.errors import InputError
+from jaxkin.core.mechanism import Mechanism
+from jaxkin.mapping import search
+from jaxkin.mapping.assembly import End, Strand, strands_of
+from jaxkin.mapping.chart import Chart, SectionData
+from jaxkin.mapping.records import Crossings, Curve, SingularCurves
+from jaxkin.mapping.section import Section, bind_section
+from jaxkin.mapping.tracing import trace_section
+from jaxkin.sweep.grid import Grid
+
+
+def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -> SingularCurves:
+    """Finds all parallel singularities (det dF/dpose = 0) over a section of the joint space.
+
+    The curves are traced in pose space, where they are smooth also over cusps, on the constraints alone; the joints
+    follow by inverse kinematics. A curve goes on over glued angles and straight through crossings; it ends only on the
+    borders of the section.
+
+    Args:
+        robot: The mechanism.
+        section: A grid with two free joint axes; their ends are limits, their numbers only seed. Joint limits of
+            the robot cut the ranges.
+        method: ``"trace"``, or ``"closed form"`` for a mechanism that declares ``closed_form_curves`` (the analytic
+            3-RPR): labelled, and with the virtual parts, whose poses are complex.
+
+    Returns:
+        The curves, longest first: ``.joints (k, n_joint)``, ``.poses (k, n_pose)``, ``.closed``, ``.residual``
+        (dimensionless) each; and ``.crossings``, ``.evidence``. Empty where the section has no singular pose.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: Not exactly two free axes, an unknown axis, a joint fixed outside its limits or at a length of
+            zero, a section that no pose reaches, an unknown method.
+        GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
+
+    Not differentiable. Completeness is not proved: two searches from spread starts, and one for the ends on the
+    borders, must lie on the curves; ``.evidence`` holds the numbers.
+    """
+    bound = bind_section("jk.singular_curves", robot, section)
+    if method == "closed form":
+        from jaxkin.mapping.closed_form import closed_form_curves
+
+        return closed_form_curves(bound)
+    if method != "trace":
+        raise InputError(f"jk.singular_curves: method is {method!r}: choose 'trace' or 'closed form'.")
+    traced = trace_section("jk.singular_curves", bound)
+    curves = tuple(_curve(bound, strand) for strand in strands_of(traced.arcs, bound.period))
+    joints, poses, residual = evaluated(bound, traced.crossings)
+    return SingularCurves(
+        curves=curves,
+        crossings=Crossings(joints, poses, residual),
+        request=bound.content("trace"),
+        pose_names=tuple(axis.name for axis in robot.pose_axes),
+        joint_names=tuple(axis.name for axis in robot.joint_axes),
+        units=bound.units,
+        evidence=traced.evidence,
+    )
+
+
+def _curve(section: Section, strand: Strand) -> Curve:
+    joints, poses, residual = evaluated(section, strand.points)
+    return Curve(
+        joints=joints,
+        poses=poses,
+        closed=strand.closed,
+        residual=float(np.max(residual)),
+        label=_factor(section, poses),
+        ends=(_name(section, strand.start), _name(section, strand.end)),
+    )
+
+
+def _name(section: Section, end: End) -> str:
+    """Says in words what a curve ends on."""
+    if end.kind != "border":
+        return end.kind
+    joint = section.chart.free[end.index // 2]
+    bound = (section.data.low, section.data.high)[end.index % 2][end.index // 2]
+    return f"{section.robot.joint_axes[joint].name} = {float(bound):g}"
+
+
+def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns joints, poses with angles in one turn, and dimensionless residuals of points of the chart.
+
+    The residual is the largest of |F_i| over the magnitude of its terms and |det A| over Hadamard's bound.
+    """
+    chart, robot = section.chart, section.robot
+    if len(points) == 0:
+        return np.zeros((0, len(robot.joint_axes))), np.zeros((0, chart.n_pose)), np.zeros(0)
+    values = np.array(search.over_points(_evaluate, section, search.glued(section, points)))
+    joints, poses, residual = np.split(values, [len(robot.joint_axes), len(robot.joint_axes) + chart.n_pose], axis=1)
+    # On the border rounding may put a joint an ulp outside.
+    low, high = np.asarray(section.data.low), np.asarray(section.data.high)
+    free = list(chart.free)
+    joints[:, free] = np.where(
+        np.abs(joints[:, free] - np.clip(joints[:, free], low, high)) < 1e-12 * (1 + np.abs(high)),
+        np.clip(joints[:, free], low, high),
+        joints[:, free],
+    )
+    return joints, poses, residual[:, 0]
+
+
+def _evaluate_all(chart: Chart, data: SectionData, points: Array) -> Array:
+    def one(u: Array) -> Array:
+        joints, pose = chart.joints(data, u), chart.pose(data, u)
+        matrix = chart.matrix(data, u)
+        size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+        closing = jnp.abs(data.robot.constraints(pose, joints)) / data.robot.constraint_scales(pose, joints)
+        singular = jnp.abs(chart.determinant(data, u)) / size
+        return jnp.concatenate([joints, pose, jnp.maximum(jnp.max(closing), singular)[None]])
+
+    return jax.vmap(one)(points)
+
+
+_evaluate = jax.jit(_evaluate_all, static_argnames="chart")
+
+
+def _factor(section: Section, poses: np.ndarray) -> str:
+    """Names the factor of the singularity that vanishes along a curve, if the mechanism declares factors."""
+    if not hasattr(section.robot, "factors"):
+        return ""
+    spread = search.starting_points(section, 32)[:, : section.chart.n_pose] * np.asarray(section.data.pose_unit)
+    here, anywhere = (_factors(section.robot, points) for points in (np.resize(poses, (32, poses.shape[1])), spread))
+    share = {name: float(np.median(np.abs(here[name])) / np.median(np.abs(anywhere[name]))) for name in here}
+    return min(share, key=lambda name: share[name])
+
+
+@jax.jit
+def _factors(robot: Any, poses: Array) -> dict[str, Array]:
+    return jax.vmap(robot.factors)(poses)

@@ -1,0 +1,225 @@
+"""Points on a section's singular curves, found from many starts: seeds, borders, crossings.
+
+Everything here is a batch of small Newton problems in the unknowns of ``chart``; nothing proves that all was found,
+so that the callers hold the findings against each other.
+"""
+
+from collections.abc import Callable
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.core.errors import InputError
+from jaxkin.core.precision import TOLERANCES
+from jaxkin.mapping.assembly import short_way
+from jaxkin.mapping.chart import Chart, SectionData
+from jaxkin.mapping.section import Section
+from jaxkin.numerics.newton import descend, lattice, polish
+from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
+
+#: Points closer than this (dimensionless) are one.
+SAME = 1e-6
+#: A point of the section counts as inside the box with this dimensionless slack.
+EDGE_SLACK = 1e-11
+
+
+def _violations(chart: Chart, data: SectionData, u: Array) -> Array:
+    return jnp.minimum(chart.margins(data, u), 0.0)
+
+
+def _project(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+    """Moves points onto the singular curves inside the box; returns them, their residuals and their margins."""
+
+    def objective(u: Array) -> Array:
+        return jnp.concatenate([chart.singular(data, u), _violations(chart, data, u)])
+
+    def one(u: Array) -> tuple[Array, Array, Array]:
+        u = polish(partial(chart.singular, data), descend(objective, u, 24))
+        return u, jnp.max(jnp.abs(chart.singular(data, u))), jnp.min(chart.margins(data, u))
+
+    return jax.vmap(one)(points)
+
+
+def _reach(chart: Chart, data: SectionData, points: Array) -> Array:
+    """Returns how far each point, moved towards the section and into the box, still misses them."""
+
+    def objective(u: Array) -> Array:
+        return jnp.concatenate([chart.section(data, u), _violations(chart, data, u)])
+
+    return jax.vmap(lambda u: jnp.max(jnp.abs(objective(descend(objective, u, 30))), initial=0.0))(points)
+
+
+def _edge_points(chart: Chart, data: SectionData, points: Array, edge: Array) -> tuple[Array, Array, Array]:
+    """Moves points onto one border each; returns them, residuals and the smallest margin."""
+
+    def one(u: Array, edge: Array) -> tuple[Array, Array, Array]:
+        def system(u: Array) -> Array:
+            return jnp.append(chart.singular(data, u), chart.margins(data, u)[edge])
+
+        u = polish(system, descend(system, u, 24))
+        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
+
+    return jax.vmap(one)(points, edge)
+
+
+def _critical_points(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+    """Seeks critical points of det A on the section; returns them with multipliers, |det| over its size, residual."""
+
+    def one(u: Array) -> tuple[Array, Array, Array]:
+        slope = jax.grad(partial(chart.determinant, data))(u)
+        rows = jax.jacfwd(partial(chart.section, data))(u)
+        multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.rows else jnp.zeros(0)
+        # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
+        z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=8, trust=0.3)
+        matrix = chart.matrix(data, z[: chart.dimension])
+        size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+        relative = jnp.abs(expanded_determinant(matrix)) / size
+        return z, relative, jnp.max(jnp.abs(chart.critical(data, z)))
+
+    return jax.vmap(one)(points)
+
+
+def _branch_directions(chart: Chart, data: SectionData, points: Array) -> Array:
+    """Returns the two unit directions in which det A vanishes to second order at critical points; NaN if complex."""
+    return jax.vmap(lambda z: _branches(chart, data, z))(points)
+
+
+def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
+    m = chart.dimension
+    u, multipliers = z[:m], z[m:]
+
+    def lagrangian(u: Array) -> Array:
+        return chart.determinant(data, u) - jnp.sum(multipliers * chart.section(data, u))
+
+    bend = jax.hessian(lagrangian)(u)
+    rows = jax.jacfwd(partial(chart.section, data))(u)
+    basis = jnp.linalg.svd(rows, full_matrices=True)[2][-2:] if chart.rows else jnp.eye(m)
+    h = basis @ bend @ basis.T
+    a, b, c = h[0, 0], h[0, 1], h[1, 1]
+    # The zero directions of a quadratic form lie symmetric about its eigenvectors.
+    mean, spread, axis = 0.5 * (a + c), jnp.hypot(0.5 * (a - c), b), 0.5 * jnp.arctan2(2 * b, a - c)
+    half = 0.5 * jnp.arccos(-mean / spread)
+    angles = jnp.stack([axis + half, axis - half])
+    return jnp.cos(angles)[:, None] * basis[0] + jnp.sin(angles)[:, None] * basis[1]
+
+
+_project_jit = jax.jit(_project, static_argnames="chart")
+_reach_jit = jax.jit(_reach, static_argnames="chart")
+_edge_jit = jax.jit(_edge_points, static_argnames="chart")
+_branches_jit = jax.jit(_branch_directions, static_argnames="chart")
+_critical_jit = jax.jit(_critical_points, static_argnames="chart")
+
+
+def starting_points(section: Section, count: int, skip: int = 0) -> np.ndarray:
+    """Returns points spread over the glued space of the unknowns, ``(count, m)``."""
+    unit = lattice(skip + count, section.chart.dimension)[skip:]
+    return section.low + (section.high - section.low) * unit
+
+
+def seeds_on_curves(section: Section, skip: int = 0) -> np.ndarray:
+    """Returns points on the singular curves inside the box, ``(k, m)``, from spread starts."""
+    points = jnp.asarray(starting_points(section, section.starts, skip))
+    u, residual, margin = (np.asarray(a) for a in _project_jit(section.chart, section.data, points))
+    good = (residual <= TOLERANCES.residual) & (margin >= 0)
+    return glued(section, u[good])
+
+
+def check_reachable(who: str, section: Section) -> None:
+    """Raises where no pose reaches the section's box.
+
+    Raises:
+        InputError: No pose was found.
+    """
+    points = jnp.asarray(starting_points(section, 256))
+    missing = np.asarray(_reach_jit(section.chart, section.data, points))
+    if not np.any(missing <= 1e-9):
+        raise InputError(
+            f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
+            "range; widen the free axes or fix the others elsewhere."
+        )
+
+
+def glued(section: Section, u: np.ndarray) -> np.ndarray:
+    """Returns points with their glued unknowns brought into one turn from the lower end."""
+    u = np.array(u, float)
+    for k in np.flatnonzero(np.isfinite(section.period)):
+        u[..., k] = (u[..., k] - section.low[k]) % section.period[k] + section.low[k]
+    return u
+
+
+def distinct(section: Section, u: np.ndarray, distance: float = SAME) -> np.ndarray:
+    """Returns the indices of the first of each cluster of points."""
+    kept: list[int] = []
+    for k in range(len(u)):
+        gaps = short_way(u[kept] - u[k], section.period) if kept else np.zeros((0, u.shape[1]))
+        if not np.any(np.max(np.abs(gaps), axis=1, initial=0.0) < distance):
+            kept.append(k)
+    return np.array(kept, int)
+
+
+def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns where the singular curve crosses itself in the box, ``(n, m)``, and both directions, ``(n, 2, m)``.
+
+    A critical point of det A on the section at which det A vanishes too. It is a regular solution of the
+    critical equations, so that Newton's method finds it to all digits, although the curve is not smooth there.
+    Where both directions are NaN the point is an isolated one.
+    """
+    if len(seeds) == 0:
+        return np.zeros((0, section.chart.dimension)), np.zeros((0, 2, section.chart.dimension))
+    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), 512)).astype(int)]
+    padded = np.resize(some, (512, some.shape[1]))
+    found = _critical_jit(section.chart, section.data, jnp.asarray(padded))
+    z, relative, residual = (np.asarray(a) for a in found)
+    z = z[(relative <= TOLERANCES.residual) & (residual <= TOLERANCES.residual)]
+    m = section.chart.dimension
+    z = z[distinct(section, glued(section, z[:, :m]))]
+    if len(z) == 0:
+        return z[:, :m], np.zeros((0, 2, m))
+    z = z[margins(section, z[:, :m]).min(axis=1) >= -EDGE_SLACK]
+    if len(z) == 0:
+        return z[:, :m], np.zeros((0, 2, m))
+    directions = np.asarray(_branches_jit(section.chart, section.data, np.resize(z, (-(-len(z) // 8) * 8, z.shape[1]))))
+    return glued(section, z[:, :m]), directions[: len(z)]
+
+
+def margins(section: Section, points: np.ndarray) -> np.ndarray:
+    """Returns the four margins of points, ``(k, 4)``."""
+    return over_points(_margins_jit, section, points)
+
+
+def _all_margins(chart: Chart, data: SectionData, points: Array) -> Array:
+    return jax.vmap(lambda u: chart.margins(data, u))(points)
+
+
+_margins_jit = jax.jit(_all_margins, static_argnames="chart")
+
+
+def over_points(kernel: Callable[..., Array], section: Section, points: np.ndarray) -> np.ndarray:
+    """Applies a jitted ``(chart, data, points)`` to points whose number is rounded up, so that few shapes compile."""
+    room = max(256, 1 << (len(points) - 1).bit_length())
+    return np.asarray(kernel(section.chart, section.data, np.resize(points, (room, points.shape[1]))))[: len(points)]
+
+
+def seeds_on_borders(section: Section, seeds: np.ndarray) -> np.ndarray:
+    """Returns points of the singular curves on the borders of the box, from seeds on the curves, ``(k, m)``."""
+    if len(seeds) == 0:
+        return seeds
+    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), 128)).astype(int)]
+    edges = np.repeat(np.arange(4), len(some))
+    u, good = border_points(section, np.tile(some, (4, 1)), edges)
+    u = glued(section, u[good])
+    return u[distinct(section, u)]
+
+
+def border_points(section: Section, guesses: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns guesses moved onto the border that each names, and which of them solve the equations there."""
+    room = max(512, 1 << (len(guesses) - 1).bit_length())
+    padded, which = np.resize(guesses, (room, guesses.shape[1])), np.resize(edges, room)
+    u, residual, margin = (np.asarray(a) for a in _edge_jit(section.chart, section.data, padded, which))
+    good = (residual <= TOLERANCES.residual) & (margin >= -EDGE_SLACK)
+    return u[: len(guesses)], good[: len(guesses)]
+
+

@@ -1,0 +1,202 @@
+"""Sections: a grid with two free joints, bound to a mechanism and checked."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxkin.core.errors import GeometryError, InputError
+from jaxkin.core.mechanism import Mechanism, scale_vector
+from jaxkin.core.precision import TOLERANCES
+from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
+from jaxkin.kinematics.boundary import checked_mechanism
+from jaxkin.mapping.chart import Chart, SectionData, chart_of
+from jaxkin.numerics.newton import lattice
+from jaxkin.sweep.grid import BoundGrid, Grid, Span
+
+
+@dataclass(frozen=True)
+class Section:
+    """A section of the joint space, ready for computation.
+
+    Attributes:
+        robot: The mechanism.
+        grid: The grid in the mechanism's order of joints.
+        chart: Structure of the equations.
+        data: Their numbers.
+        period: ``(m,)`` period of each unknown, dimensionless, inf where it is not glued.
+        low: ``(m,)`` lower ends of the region in which solutions are sought.
+        high: ``(m,)`` upper ends.
+        starts: How many starts a search makes; the grid's numbers only choose this.
+    """
+
+    robot: Mechanism
+    grid: BoundGrid
+    chart: Chart
+    data: SectionData
+    period: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+    starts: int
+
+    def content(self, method: str) -> dict[str, Any]:
+        """Returns what determines the numbers of a result."""
+        return {
+            "algorithm_version": ALGORITHM_VERSION,
+            "geometry": jsonable(self.robot.geometry()),
+            "mechanism": self.robot.id or type(self.robot).__name__,
+            "method": method,
+            "section": self.grid.content(),
+        }
+
+    @property
+    def units(self) -> dict[str, str]:
+        """The unit of every axis."""
+        return {axis.name: axis.unit for axis in (*self.robot.pose_axes, *self.robot.joint_axes)}
+
+    def describe(self) -> str:
+        """The section in a few words, for messages."""
+        return ", ".join(
+            f"{name} = {value[0]:g} .. {value[1]:g}" if isinstance(value, list) else f"{name} = {value:g}"
+            for name, value in self.grid.content().items()
+        )
+
+
+def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
+    """Fits a section to a mechanism.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: No mechanism or grid; an axis is unknown or missing; not exactly two are free; a joint is
+            fixed outside its limits or at a length of zero; a free joint's range misses its limits.
+        GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
+    """
+    checked_mechanism(who, robot)
+    if not isinstance(grid, Grid):
+        raise InputError(f"{who} got {grid!r} as its section: pass a jaxkin.Grid with two free joint axes.")
+    bound = grid.bind(robot.joint_axes, "joint")
+    if len(bound.free) != 2:
+        raise InputError(
+            f"{who}: the section has {len(bound.free)} free joint ax{'is' if len(bound.free) == 1 else 'es'} "
+            f"({', '.join(robot.joint_axes[k].name for k in bound.free)}): a section needs exactly two; "
+            f"{'free another axis' if len(bound.free) < 2 else 'fix the others at numbers'}."
+        )
+    if not bool(np.all(robot.geometry_ok())):
+        raise GeometryError(
+            f"{who}: the geometry of {robot} is degenerate or not finite; build it with the mechanism's constructor, "
+            "which names what is wrong."
+        )
+    low, high, middle = _ranges(who, robot, bound)
+    chart = chart_of(robot, (bound.free[0], bound.free[1]))
+    data = _numbers(robot, bound, low, high, middle)
+    _check_fixed(who, robot, bound, chart)
+    starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
+    region = _region(robot, chart, data)
+    section = Section(robot, bound, chart, data, *region, starts)
+    _check_determinant(who, section)
+    return section
+
+
+def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns ends of the free joints within the limits, and the middle of every joint."""
+    limits = robot.limit_values()
+    lows, highs, middle = [], [], []
+    for k, (axis, value) in enumerate(zip(bound.axes, bound.values, strict=True)):
+        least, most = max(float(limits.low[k]), axis.low), min(float(limits.high[k]), axis.high)
+        if isinstance(value, Span):
+            low, high = max(value.low, least), min(value.high, most)
+            if not low < high:
+                raise InputError(
+                    f"{who}: {axis.name} goes from {value.low:g} to {value.high:g}, outside its limits {least:g} to "
+                    f"{most:g}: move the range into them, or widen robot.limits."
+                )
+            lows.append(low)
+            highs.append(high)
+            middle.append(0.5 * (low + high))
+        else:
+            if not least <= value <= most:
+                raise InputError(
+                    f"{who}: {axis.name} is fixed at {value:g}, outside its limits {least:g} to {most:g}: fix it "
+                    "inside them, or widen robot.limits."
+                )
+            middle.append(value)
+    return np.array(lows), np.array(highs), np.array(middle)
+
+
+def _numbers(robot: Mechanism, bound: BoundGrid, low: np.ndarray, high: np.ndarray, middle: np.ndarray) -> SectionData:
+    length = robot.characteristic_length()
+    joints = jnp.asarray(middle)
+    row_scale = robot.constraint_scales(jnp.zeros(len(robot.pose_axes)), joints)
+    return SectionData(
+        robot=robot,
+        fixed=joints,
+        pose_unit=scale_vector(robot.pose_axes, length),
+        joint_unit=scale_vector(robot.joint_axes, length),
+        row_scale=row_scale,
+        low=jnp.asarray(low),
+        high=jnp.asarray(high),
+    )
+
+
+def _check_fixed(who: str, robot: Mechanism, bound: BoundGrid, chart: Chart) -> None:
+    """Refuses a joint fixed at a zero length: the section then has no smooth points to start from."""
+    length = float(robot.characteristic_length())
+    for k, (axis, value) in enumerate(zip(bound.axes, bound.values, strict=True)):
+        if isinstance(value, Span) or axis.is_angle or k in chart.free:
+            continue
+        if axis.low == 0.0 and abs(value) <= 1e-6 * length:
+            raise InputError(
+                f"{who}: {axis.name} is fixed at {value:g}: a leg of zero length has no direction (a serial "
+                "singularity), and the section is no surface there; fix it at a positive length."
+            )
+
+
+def _region(robot: Mechanism, chart: Chart, data: SectionData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns period, low and high of the unknowns, dimensionless."""
+    length = float(robot.characteristic_length())
+    known = [
+        float(abs(value))
+        for k, axis in enumerate(robot.joint_axes)
+        if not axis.is_angle
+        for value in ([data.fixed[k]] if k not in chart.free else [data.high[chart.free.index(k)]])
+    ]
+    # No pose lies farther out than the legs and the size of the mechanism together.
+    reach = 2 * (1 + max(known, default=0.0) / length)
+    low, high, period = [], [], []
+    for axis, unit in zip(robot.pose_axes, np.asarray(data.pose_unit), strict=True):
+        low.append(max(axis.low / unit, -reach))
+        high.append(min(axis.high / unit, reach))
+        period.append(np.inf if axis.period is None else axis.period / unit)
+    for joint in chart.implicit:
+        axis, unit, k = robot.joint_axes[joint], float(data.joint_unit[joint]), chart.free.index(joint)
+        low.append(float(data.low[k]) / unit)
+        high.append(float(data.high[k]) / unit)
+        period.append(np.inf if axis.period is None else axis.period / unit)
+    return np.array(period), np.array(low), np.array(high)
+
+
+def _check_determinant(who: str, section: Section) -> None:
+    """Refuses a mechanism whose determinant vanishes at points in general position."""
+    points = section.low + (section.high - section.low) * lattice(64, section.chart.dimension)
+    values, sizes = _determinants(section.chart, section.data, jnp.asarray(points))
+    if bool(np.all(np.abs(values) <= TOLERANCES.residual * np.asarray(sizes))):
+        raise GeometryError(
+            f"{who}: det dF/dpose of {section.robot} vanishes identically: the mechanism is singular at every pose "
+            "(two legs, or two equations, depend on each other); change the geometry, or drop an equation that repeats "
+            "another."
+        )
+
+
+def _det_and_size(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Returns det A and Hadamard's bound, the magnitude of its terms."""
+    matrix = chart.matrix(data, u)
+    return chart.determinant(data, u), jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+
+
+def _all_determinants(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+    return jax.vmap(lambda u: _det_and_size(chart, data, u))(points)
+
+
+_determinants = jax.jit(_all_determinants, static_argnames="chart")

@@ -1,0 +1,540 @@
+"""Singular surfaces of the workspace: where the direct determinant vanishes, as polished triangles."""
+
+import json
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple, overload
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.core.errors import GeometryError, InputError
+from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
+from jaxkin.core.precision import TOLERANCES
+from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
+from jaxkin.core.tracing import is_traced
+from jaxkin.kinematics.boundary import checked_mechanism
+from jaxkin.kinematics.jacobian import raw_jacobians
+from jaxkin.kinematics.solve import inverse_lanes
+from jaxkin.mapping import _isosurface
+from jaxkin.numerics import bracket
+from jaxkin.sweep.grid import BoundGrid, Grid, Span
+
+_WHO = "jk.singular_surfaces"
+#: Poses that one compiled call takes; shorter calls are padded, so that nothing is compiled twice.
+_BLOCK = 1 << 13
+#: Inner nodes are moved by this irrational share of a step: no node lies in a plane of symmetry, where factors vanish.
+_SHIFT = (math.sqrt(5) - 2) / 2
+#: Newton steps from a mesh edge to a crossing; they start within a cell of it.
+_CROSSING_STEPS = 12
+#: Samples that tell whether a determinant vanishes everywhere.
+_PROBES = 1 << 12
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """One singular surface, as triangles between polished poses.
+
+    Attributes:
+        name: Factor of the determinant that vanishes here, or ``"det"``, or ``"det, working mode k"``.
+        vertices: ``(k, n_pose)`` poses; angles run from end to end of the box and are not wrapped.
+        faces: ``(m, 3)`` vertex numbers.
+        residual: Largest dimensionless residual of the vertices, see ``singular_surfaces``.
+        seam: ``(n, 2)`` vertex on the low face of a glued axis, and the same pose on the high face.
+        boundary: ``(b, 2)`` the edges that only one triangle has, on a face of the box (glued ones included) or
+            around a hole.
+        unpolished: Number of vertices that did not converge; they were dropped with their triangles.
+    """
+
+    name: str
+    vertices: np.ndarray
+    faces: np.ndarray
+    residual: float
+    seam: np.ndarray
+    boundary: np.ndarray
+    unpolished: int = 0
+
+    @property
+    def components(self) -> int:
+        """Number of connected pieces, with glued faces glued."""
+        from scipy.sparse import coo_matrix
+        from scipy.sparse.csgraph import connected_components
+
+        links = np.concatenate([_isosurface.all_edges(self.faces), self.seam])
+        size = len(self.vertices)
+        graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(size, size))
+        return int(connected_components(graph, directed=False, return_labels=False))
+
+
+@dataclass(frozen=True, eq=False)
+class CrossingCurve:
+    """The curve in which two singular surfaces cross: both factors vanish.
+
+    Attributes:
+        names: The two factors.
+        poses: ``(k, n_pose)`` polished poses, ascending in the last free axis of the box.
+        segments: ``(n, 2)`` numbers of neighbouring poses.
+        residual: Largest dimensionless residual of the two factors.
+    """
+
+    names: tuple[str, str]
+    poses: np.ndarray
+    segments: np.ndarray
+    residual: float
+
+
+@dataclass(frozen=True, eq=False)
+class SingularSurfaces(Sequence[Surface]):
+    """All singular surfaces in a box of the workspace.
+
+    Attributes:
+        surfaces: One per factor, or per working mode; those that do not meet the box are left out.
+        crossings: Where two factors vanish together.
+        request: What determines the numbers: mechanism, geometry, box.
+        pose_names: Names of the pose axes.
+        units: Unit of every pose axis.
+        glued: Names of the axes whose low and high face are the same.
+    """
+
+    surfaces: tuple[Surface, ...]
+    crossings: tuple[CrossingCurve, ...]
+    request: dict[str, Any]
+    pose_names: tuple[str, ...]
+    units: dict[str, str]
+    glued: tuple[str, ...]
+
+    @overload
+    def __getitem__(self, index: int | str) -> Surface: ...
+    @overload
+    def __getitem__(self, index: slice) -> tuple[Surface, ...]: ...
+    def __getitem__(self, index: int | str | slice) -> Surface | tuple[Surface, ...]:
+        """Returns one surface, by number or name, or a tuple of them."""
+        if isinstance(index, str):
+            for surface in self.surfaces:
+                if surface.name == index:
+                    return surface
+            raise KeyError(f"{index!r}: the surfaces are {', '.join(repr(s.name) for s in self.surfaces) or 'none'}.")
+        return self.surfaces[index]
+
+    def __len__(self) -> int:
+        """Number of surfaces."""
+        return len(self.surfaces)
+
+    def __iter__(self) -> Iterator[Surface]:
+        """Runs over the surfaces."""
+        return iter(self.surfaces)
+
+    @property
+    def residual(self) -> float:
+        """Largest dimensionless residual of all vertices."""
+        return max((surface.residual for surface in self.surfaces), default=0.0)
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        """Names of the three free axes."""
+        return tuple(name for name, value in self.request["box"].items() if isinstance(value, list))
+
+    def __str__(self) -> str:
+        """A summary of a few lines."""
+        glued = f", {', '.join(self.glued)} glued" if self.glued else ""
+        lines = [f"{len(self)} singular surfaces over {', '.join(self.free)}{glued}, residual {self.residual:.1e}"]
+        for s in self.surfaces:
+            pieces = f"{s.components} piece" + ("s" if s.components != 1 else "")
+            lost = f", {s.unpolished} vertices dropped" if s.unpolished else ""
+            lines.append(f"  {s.name}: {pieces}, {len(s.vertices)} vertices, {len(s.faces)} triangles{lost}")
+        lines += [f"  {' = '.join(c.names)} = 0: {len(c.poses)} poses" for c in self.crossings]
+        return "\n".join(lines)
+
+    def to_json(self) -> str:
+        """Returns everything as JSON text."""
+        content = {
+            "request": self.request,
+            "pose_axes": list(self.pose_names),
+            "units": self.units,
+            "glued": list(self.glued),
+            "surfaces": [_plain(surface) for surface in self.surfaces],
+            "crossings": [_plain(crossing) for crossing in self.crossings],
+        }
+        return json.dumps(content, indent=2)
+
+
+def _plain(record: Any) -> dict[str, Any]:
+    return {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in vars(record).items()}
+
+
+def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
+    """Finds the surfaces of the workspace on which the mechanism is singular (type 2, det dF/dpose = 0).
+
+    A mechanism that declares factors of the determinant (a method ``factors(pose)``) has one surface per factor,
+    whatever its joint limits. Any other has one per working mode, along its inverse kinematics; where a working mode
+    does not exist, or violates the joint limits, the surface has a hole.
+
+    Marching cubes finds the triangles, and every vertex is then moved along the grid edge on which the sign changes,
+    until it satisfies the equation to the last digits. The box only seeds: pieces smaller than its cells may be
+    missed, and a factor that vanishes without a change of sign (a double surface) is not seen.
+
+    Dimensionless residuals, at most 1e-12 at every vertex: of a determinant, with every equation divided by
+    ``robot.constraint_scales`` and every length by the characteristic length L; of a factor f, |f| over the sum of
+    |s df/dx| and |s^2 d^2f/dx^2| over the pose axes x, where s = L + |x| for lengths and 1 rad for angles.
+
+    Args:
+        robot: The mechanism.
+        box: Grid over the pose axes, three of them free, for instance
+            ``jk.Grid(x=(-3, 3, 60), y=(-3, 3, 60), phi=(-math.pi, math.pi, 72))``. Both ends are sampled. An angle
+            that spans its whole period is glued: each surface names the vertices that are the same on both faces.
+
+    Returns:
+        The surfaces; none if there is no singular pose in the box.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: Not one concrete mechanism, or the box has other axes, or not three free ones.
+        GeometryError: The geometry is degenerate, or every pose is singular.
+
+    References:
+        Wenger and Chablat 2009, Fig. 2. Gosselin, C. and Angeles, J., 1990 (type 2 singularities).
+    """
+    lattice = _Lattice.over(_checked_box(robot, box))
+    values = _in_blocks(partial(_values, robot), lattice.poses(np.indices(lattice.shape).reshape(3, -1).T))
+    names = _names(robot, len(values))
+    _refuse_zero(robot, lattice)
+    found, scouts = [], []
+    for number, name in enumerate(names):
+        field = values[number].reshape(lattice.shape)
+        glued = tuple(joined and _isosurface.glue(field, k) for k, joined in enumerate(lattice.glued))
+        mesh = _isosurface.extract(field, glued)
+        surface = None if mesh is None else _polished(robot, lattice, number, name, mesh, field)
+        if surface is not None:
+            found.append(surface)
+            scouts.append(number)
+    axes = robot.pose_axes
+    return SingularSurfaces(
+        surfaces=tuple(found),
+        crossings=_crossings(robot, lattice, found, scouts) if _factored(robot) else (),
+        request={
+            "mechanism": robot.id or f"{type(robot).__module__}.{type(robot).__qualname__}",
+            "geometry": jsonable(robot.geometry()),
+            "box": lattice.bound.content(),
+            "algorithm": ALGORITHM_VERSION,
+        },
+        pose_names=tuple(axis.name for axis in axes),
+        units={axis.name: axis.unit for axis in axes},
+        glued=tuple(axes[k].name for k, joined in zip(lattice.free, lattice.glued, strict=True) if joined),
+    )
+
+
+def _checked_box(robot: Mechanism, box: Grid) -> BoundGrid:
+    checked_mechanism(_WHO, robot)
+    if any(is_traced(leaf) for leaf in jax.tree_util.tree_leaves(robot)):
+        raise InputError(f"{_WHO} cannot be traced: call it outside jax.jit, jax.vmap and jax.grad.")
+    if jnp.ndim(robot.characteristic_length()) != 0:
+        raise InputError(f"{_WHO} got a batch of robots: pass one robot at a time.")
+    if not isinstance(box, Grid):
+        raise InputError(f"{_WHO} got a {type(box).__name__} as its box: pass a jk.Grid over the pose axes.")
+    bound = box.bind(robot.pose_axes, "pose")
+    if len(bound.free) != 3:
+        names = ", ".join(bound.axes[k].name for k in bound.free)
+        raise InputError(
+            f"The box has {len(bound.free)} free axes ({names}): a surface needs exactly three free axes; give the "
+            "others as numbers, or draw a map with jk.sweep(robot, 'direct_determinant', grid)."
+        )
+    if not bool(robot.geometry_ok()):
+        raise GeometryError(f"The geometry of {robot} is degenerate: build it with its constructor, which says why.")
+    return bound
+
+
+class _Lattice(NamedTuple):
+    """Nodes of the three free axes, and the values of the others."""
+
+    bound: BoundGrid
+    nodes: tuple[np.ndarray, ...]
+    glued: tuple[bool, ...]
+
+    @classmethod
+    def over(cls, bound: BoundGrid) -> "_Lattice":
+        nodes, glued = zip(*(_nodes(bound.axes[k], bound.values[k]) for k in bound.free), strict=True)
+        return cls(bound, nodes, glued)
+
+    @property
+    def free(self) -> tuple[int, ...]:
+        return self.bound.free
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        return tuple(map(len, self.nodes))
+
+    def poses(self, index: np.ndarray) -> np.ndarray:
+        """Returns the poses at index coordinates ``(k, 3)``, whole or not."""
+        poses = np.tile(np.array([0.0 if isinstance(v, Span) else v for v in self.bound.values]), (len(index), 1))
+        for place, (k, nodes) in enumerate(zip(self.free, self.nodes, strict=True)):
+            poses[:, k] = np.interp(index[:, place], np.arange(len(nodes)), nodes)
+        return poses
+
+
+def _nodes(axis: Axis, span: Span | float) -> tuple[np.ndarray, bool]:
+    assert isinstance(span, Span)
+    whole = axis.period is not None and math.isclose(span.high - span.low, axis.period, rel_tol=1e-12)
+    # A glued axis of n samples has n cells, as in any grid; here its last node is the first one again.
+    nodes = np.linspace(span.low, span.high, span.count + whole)
+    nodes[1:-1] += _SHIFT * (nodes[1] - nodes[0])
+    return nodes, whole
+
+
+def _factored(robot: Mechanism) -> bool:
+    return callable(getattr(robot, "factors", None))
+
+
+def _names(robot: Mechanism, count: int) -> list[str]:
+    if not _factored(robot):
+        return ["det"] if count == 1 else [f"det, working mode {k}" for k in range(count)]
+    names: list[str] = []
+    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
+    # Collected inside the trace: a dict that comes out of one has its keys sorted.
+    jax.eval_shape(lambda r, x: names.extend(r.factors(x)), robot, pose)
+    return names
+
+
+def _in_blocks(function: Callable[..., Array], *columns: np.ndarray) -> np.ndarray:
+    """Calls a compiled function on blocks of rows, padded to one length; results have the rows last."""
+    parts = []
+    for start in range(0, len(columns[0]), _BLOCK):
+        rows = [column[start : start + _BLOCK] for column in columns]
+        count = len(rows[0])
+        padded = [np.concatenate([row, np.repeat(row[:1], _BLOCK - count, axis=0)]) for row in rows]
+        parts.append(np.asarray(function(*padded))[..., :count])
+    return np.concatenate(parts, axis=-1)
+
+
+def _factor_values(robot: Mechanism, pose: Array) -> Array:
+    factors: dict[str, Array] = robot.factors(pose)  # type: ignore[attr-defined]
+    return jnp.stack(list(factors.values()))
+
+
+class _Determinant(NamedTuple):
+    value: Array
+    residual: Array
+    volume: Array
+
+
+def _determinants(robot: Mechanism, poses: Array) -> _Determinant:
+    """Measures det dF/dpose in every working mode, ``(modes, n)``: as it is, over its scale, over its rows' lengths."""
+    unit = scale_vector(robot.pose_axes, robot.characteristic_length())
+
+    def one(pose: Array, joints: Array, here: Array) -> _Determinant:
+        direct = raw_jacobians(robot, pose, joints).direct * unit
+        value = jnp.linalg.det(direct)
+        scale = jnp.prod(robot.constraint_scales(pose, joints))
+        lengths = jnp.prod(jnp.linalg.norm(direct, axis=1))
+        volume = jnp.where(lengths > 0, value / jnp.where(lengths > 0, lengths, 1.0), 0.0)
+        return _Determinant(*(jnp.where(here, x, jnp.nan) for x in (value, jnp.abs(value) / scale, jnp.abs(volume))))
+
+    lanes = inverse_lanes(robot, tuple(poses[:, k] for k in range(poses.shape[1])))
+    modes = [
+        jax.vmap(one)(
+            poses, jnp.stack([jnp.broadcast_to(v, len(poses)) for v in lane.values], 1), lane.multiplicity > 0
+        )
+        for lane in lanes
+    ]
+    return _Determinant(*(jnp.stack(measure) for measure in zip(*modes, strict=True)))
+
+
+def _value_rows(robot: Mechanism, poses: Array) -> Array:
+    if _factored(robot):
+        return jax.vmap(lambda pose: _factor_values(robot, pose), out_axes=1)(poses)
+    return _determinants(robot, poses).value
+
+
+@jax.jit
+def _values(robot: Mechanism, poses: Array) -> Array:
+    """Returns every factor, or the determinant in every working mode, ``(n_surface, n)``."""
+    return _value_rows(robot, poses)
+
+
+@jax.jit
+def _volumes(robot: Mechanism, poses: Array) -> Array:
+    return _determinants(robot, poses).volume
+
+
+def _refuse_zero(robot: Mechanism, lattice: _Lattice) -> None:
+    """Raises where every pose is singular: two equations are dependent."""
+    size = math.prod(lattice.shape)
+    # A step that shares no divisor with the grid, or the probes might all lie in one plane.
+    step = max(1, size // _PROBES) | 1
+    index = np.stack(np.unravel_index(np.arange(0, size, step), lattice.shape), axis=1)
+    volumes = _in_blocks(partial(_volumes, robot), lattice.poses(index))
+    if np.isfinite(volumes).any() and np.nanmax(volumes) <= TOLERANCES.geometry:
+        raise GeometryError(
+            f"det dF/dpose of {robot} vanishes at all {len(index)} poses that were looked at: two equations depend on "
+            "each other, or a pose coordinate has no effect; change the geometry or the constraints."
+        )
+
+
+@jax.jit
+def _edge_zeros(robot: Mechanism, number: Array, start: Array, end: Array, sign: Array) -> Array:
+    """Returns the poses ``(n_pose, n)`` at which the surface meets the segments from start to end, both ``(n, n_pose)``.
+
+    ``sign`` is that of the value at the start; a value lost in rounding may show another one.
+    """
+    rows = jnp.arange(len(start))
+
+    def along(t: Array) -> Array:
+        return _value_rows(robot, start + t[:, None] * (end - start))[number, rows]
+
+    def size(t: float) -> Array:
+        return jnp.maximum(jnp.abs(along(jnp.full(len(start), t))), jnp.finfo(float).tiny)
+
+    t = bracket.zero(along, sign * size(0.0), -sign * size(1.0))
+    return (start + t[:, None] * (end - start)).T
+
+
+@jax.jit
+def _residuals(robot: Mechanism, poses: Array) -> Array:
+    """Returns the dimensionless residuals ``(n_surface, n)`` that ``singular_surfaces`` defines."""
+    if not _factored(robot):
+        return _determinants(robot, poses).residual
+    unit = scale_vector(robot.pose_axes, robot.characteristic_length())
+    is_length = jnp.array([not axis.is_angle for axis in robot.pose_axes])
+
+    def one(pose: Array) -> Array:
+        step = jnp.where(is_length, unit + jnp.abs(pose), 1.0)
+        function = partial(_factor_values, robot)
+        first = jax.jacfwd(function)(pose) * step
+        second = jnp.diagonal(jax.jacfwd(jax.jacfwd(function))(pose), axis1=1, axis2=2) * step**2
+        scale = jnp.sum(jnp.abs(first) + jnp.abs(second), axis=1)
+        value = jnp.abs(function(pose))
+        return jnp.where(value == 0, 0.0, value / scale)
+
+    return jax.vmap(one, out_axes=1)(poses)
+
+
+def _polished(
+    robot: Mechanism, lattice: _Lattice, number: int, name: str, mesh: _isosurface.Mesh, values: np.ndarray
+) -> Surface | None:
+    """Moves every vertex onto the surface, copies glued ones, and drops those that do not converge."""
+    low, high = _segments(robot, lattice, number, mesh, values)
+    which = np.full(len(low.poses), number)
+    vertices = _in_blocks(partial(_edge_zeros, robot), which, low.poses, high, low.sign).T
+    for k, seam in zip(lattice.free, mesh.seams, strict=True):
+        ends = lattice.nodes[lattice.free.index(k)][[0, -1]]
+        vertices[seam[:, 1]] = vertices[seam[:, 0]]
+        vertices[seam[:, 0], k], vertices[seam[:, 1], k] = ends
+    residual = _in_blocks(partial(_residuals, robot), vertices)[number]
+    good = residual <= TOLERANCES.residual
+    faces = mesh.faces[good[mesh.faces].all(axis=1)]
+    kept = np.unique(faces)
+    if not kept.size:
+        return None
+    renumbered = np.full(len(vertices), -1)
+    renumbered[kept] = np.arange(len(kept))
+    seam = renumbered[np.concatenate(mesh.seams)]
+    return Surface(
+        name=name,
+        vertices=vertices[kept],
+        faces=renumbered[faces],
+        residual=float(residual[kept].max()),
+        seam=seam[(seam >= 0).all(axis=1)],
+        boundary=_isosurface.single_edges(renumbered[faces]),
+        unpolished=int(np.sum(~good)),
+    )
+
+
+class _Start(NamedTuple):
+    poses: np.ndarray
+    sign: np.ndarray
+
+
+def _segments(
+    robot: Mechanism, lattice: _Lattice, number: int, mesh: _isosurface.Mesh, values: np.ndarray
+) -> tuple[_Start, np.ndarray]:
+    """Returns for every vertex a segment over which the sign changes: its grid edge, or from inside its cell out."""
+    step = np.eye(4, 3, dtype=np.int64)[mesh.axis]
+    start, end = mesh.node.astype(float), (mesh.node + step).astype(float)
+    sign = np.where(values[tuple(mesh.node.T)] < 0, -1.0, 1.0)
+    inside = np.flatnonzero(mesh.axis == 3)
+    if inside.size:
+        start[inside] = mesh.place[inside]
+        own = _in_blocks(partial(_values, robot), lattice.poses(start[inside]))[number]
+        sign[inside] = np.where(own < 0, -1.0, 1.0)
+        # Such a cell has corners of both signs; the first of the other sign will do.
+        corners = mesh.node[inside][:, None] + np.array(list(np.ndindex(2, 2, 2)))
+        other = (values[tuple(np.moveaxis(corners, -1, 0))] < 0) != (own < 0)[:, None]
+        end[inside] = corners[np.arange(inside.size), np.argmax(other, axis=1)]
+    return _Start(lattice.poses(start), sign), lattice.poses(end)
+
+
+def _crossings(
+    robot: Mechanism, lattice: _Lattice, surfaces: list[Surface], numbers: list[int]
+) -> tuple[CrossingCurve, ...]:
+    """Finds, on each surface, the curves in which a later factor vanishes as well."""
+    found = []
+    for i, (first, a) in enumerate(zip(surfaces, numbers, strict=True)):
+        values = _in_blocks(partial(_values, robot), first.vertices)
+        for second, b in zip(surfaces[i + 1 :], numbers[i + 1 :], strict=True):
+            crossing = _crossing(robot, lattice, first, second.name, (a, b), values[b])
+            if crossing is not None:
+                found.append(crossing)
+    return tuple(found)
+
+
+def _crossing(
+    robot: Mechanism, lattice: _Lattice, surface: Surface, name: str, pair: tuple[int, int], other: np.ndarray
+) -> CrossingCurve | None:
+    """Polishes the places where the other factor changes sign along an edge of the surface's triangles."""
+    edges, inverse = np.unique(_isosurface.all_edges(surface.faces), axis=0, return_inverse=True)
+    sides = inverse.reshape(3, -1).T
+    f = other[edges]
+    cut = (f[:, 0] < 0) != (f[:, 1] < 0)
+    if not cut.any():
+        return None
+    # Two of a triangle's edges are cut, or none: their zeros are neighbours.
+    pieces = sides[cut[sides].sum(axis=1) == 2]
+    pieces = pieces[cut[pieces]].reshape(-1, 2)
+    ends, share = surface.vertices[edges[cut]], (f[cut, 0] / (f[cut, 0] - f[cut, 1]))[:, None]
+    free = np.zeros(ends.shape[::2], bool)
+    for k, nodes in zip(lattice.free, lattice.nodes, strict=True):
+        free[:, k] = ~np.isin(ends[:, :, k], nodes[[0, -1]]).all(axis=1)
+    start = ends[:, 0] + share * (ends[:, 1] - ends[:, 0])
+    poses = _in_blocks(partial(_crossing_newton, robot), start, free, np.tile(pair, (len(start), 1))).T
+    residual = _in_blocks(partial(_residuals, robot), poses)[list(pair)].max(axis=0)
+    cell = np.array([np.diff(nodes).max() for nodes in lattice.nodes])
+    good = (residual <= TOLERANCES.residual) & (np.abs(poses - start)[:, lattice.free] <= 2 * cell).all(axis=1)
+    order = np.flatnonzero(good)[np.argsort(poses[good, lattice.free[-1]], kind="stable")]
+    renumbered = np.full(len(edges), -1)
+    renumbered[np.flatnonzero(cut)[order]] = np.arange(len(order))
+    segments = renumbered[pieces]
+    if not order.size:
+        return None
+    return CrossingCurve(
+        names=(surface.name, name),
+        poses=poses[order],
+        segments=segments[(segments >= 0).all(axis=1)],
+        residual=float(residual[order].max()),
+    )
+
+
+@jax.jit
+def _crossing_newton(robot: Mechanism, start: Array, free: Array, pairs: Array) -> Array:
+    """Returns the poses ``(n_pose, n)`` near the starts at which two factors vanish, moving in free coordinates only."""
+    unit = scale_vector(robot.pose_axes, robot.characteristic_length())
+
+    def one(pose: Array, free: Array, pair: Array) -> Array:
+        def step(_: int, pose: Array) -> Array:
+            function = partial(_factor_values, robot)
+            slopes = jax.jacfwd(function)(pose)[pair] * unit * free
+            slopes, value = _unit_rows(slopes, function(pose)[pair])
+            # The shortest step that makes both vanish to first order.
+            return pose - unit * (slopes.T @ jnp.linalg.solve(slopes @ slopes.T, value))
+
+        return jax.lax.fori_loop(0, _CROSSING_STEPS, step, pose)
+
+    return jax.vmap(one, out_axes=1)(start, free, pairs)
+
+
+def _unit_rows(slopes: Array, value: Array) -> tuple[Array, Array]:
+    """Divides each equation by the length of its gradient: the factors have different units."""
+    length = jnp.linalg.norm(slopes, axis=1)
+    return slopes / length[:, None], value / length

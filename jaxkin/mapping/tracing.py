@@ -1,0 +1,184 @@
+"""Traces the singular set of a section in the unknowns of its chart, and holds it against independent searches."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.mapping import search
+from jaxkin.mapping.assembly import Arc, Network, arcs_of, distance_to_arcs, short_way
+from jaxkin.mapping.chart import Chart, SectionData
+from jaxkin.mapping.section import Section
+from jaxkin.numerics import continuation, newton
+from jaxkin.numerics.continuation import LEFT, REACHED
+
+#: So far from a crossing (dimensionless) the tracer takes over from the straight line through it.
+_AWAY = 1e-3
+#: How many seeds are traced from at once.
+_SEEDS = 96
+#: Longest steps of successive attempts: a jump between branches is answered by shorter steps.
+_STEPS = (continuation.LONGEST_STEP, 0.015, 0.004)
+#: A point lies on a traced segment if it is nearer than this share of the segment's length.
+_COVERED = 1e-3
+
+
+@dataclass(frozen=True)
+class Traced:
+    """The singular set of a section in the unknowns of its chart.
+
+    Attributes:
+        arcs: Smooth arcs, ending at borders and crossings.
+        tangents: The oriented unit tangents at their points, one array an arc; zero at crossings.
+        crossings: ``(n, m)``.
+        evidence: What speaks for completeness, by name.
+    """
+
+    arcs: list[Arc]
+    tangents: list[np.ndarray]
+    crossings: np.ndarray
+    evidence: dict[str, Any]
+
+
+def trace_section(who: str, section: Section) -> Traced:
+    """Traces all singular curves of a section.
+
+    Two searches from different starts, and one for the ends on the borders, say where the curves are; what they find on
+    no traced curve is traced from, until nothing is left.
+
+    Raises:
+        InputError: No pose reaches the section.
+    """
+    first = search.seeds_on_curves(section)
+    if len(first) == 0:
+        search.check_reachable(who, section)
+    nodes, directions = search.crossings(section, first)
+    second = search.seeds_on_curves(section, skip=section.starts)
+    edges = search.seeds_on_borders(section, first)
+    found = np.concatenate([first, second, edges])
+    seeds, rounds, attempt = first, 0, 0
+    while True:
+        network = _network(section, seeds, nodes, directions, _STEPS[attempt])
+        arcs = arcs_of(network)
+        tangents = _tangents(section, arcs)
+        if network.contradictions and attempt + 1 < len(_STEPS):
+            attempt += 1
+            continue
+        gap, size = distance_to_arcs(found, arcs, tangents, section.period)
+        missed = found[gap > _COVERED * size + 1e-7]
+        rounds += 1
+        if len(missed) == 0 or rounds == 6:
+            break
+        seeds = np.concatenate([missed, seeds])
+    ends = [arc.points[k] for arc in arcs for k, end in ((0, arc.start), (-1, arc.end)) if end.kind == "border"]
+    evidence = {
+        "points found by independent searches": len(found),
+        "of these on no traced curve": len(missed),
+        "ends on borders: traced, found by a search of their own": [len(ends), _met(section, edges, ends)],
+        "contradictory pieces": network.contradictions,
+    }
+    return Traced(arcs, tangents, nodes, evidence)
+
+
+def _met(section: Section, edges: np.ndarray, ends: list[np.ndarray]) -> int:
+    """Returns at how many of the traced ends the other search arrived as well."""
+    return sum(bool(np.any(np.max(np.abs(short_way(edges - end, section.period)), axis=1) < 1e-6)) for end in ends)
+
+
+def _network(
+    section: Section, candidates: np.ndarray, nodes: np.ndarray, directions: np.ndarray, longest: float
+) -> Network:
+    """Traces from seeds to seeds, along the orientation, and against it from seeds that nothing reached."""
+    seeds, halves = _seeds(section, candidates, nodes, directions)
+    chart, data = section.chart, section.data
+
+    def trace(starts: list[tuple[int, int]]) -> list[continuation.Piece]:
+        return continuation.trace(
+            chart.singular, chart.margins, data, seeds, section.period, starts, longest=longest
+        )
+
+    inward = {seed for seed, (_, _, out) in halves.items() if not out}
+    forward = {piece.source: piece for piece in trace([(k, 1) for k in range(len(seeds)) if k not in inward])}
+    reached = {piece.target for piece in forward.values() if piece.state == REACHED}
+    lonely = [k for k in range(len(seeds)) if k not in reached and not (k in halves and halves[k][2])]
+    backward = {piece.source: piece for piece in trace([(k, -1) for k in lonely])}
+    left = [piece for piece in (*forward.values(), *backward.values()) if piece.state == LEFT]
+    borders = _borders(section, left)
+    return Network(seeds, halves, forward, backward, borders, nodes, section.period)
+
+
+def _seeds(
+    section: Section, candidates: np.ndarray, nodes: np.ndarray, directions: np.ndarray
+) -> tuple[np.ndarray, dict[int, tuple[int, int, bool]]]:
+    """Chooses the seeds: the four half-branches of every crossing, and candidates apart from them."""
+    plain = candidates[: 4 * _SEEDS]
+    plain = plain[search.distinct(section, plain)]
+    for node in nodes:
+        plain = plain[np.max(np.abs(short_way(plain - node, section.period)), axis=1) > 2 * _AWAY]
+    plain = plain[:_SEEDS]
+    guesses, keys = [], []
+    for number, (node, pair) in enumerate(zip(nodes, directions, strict=True)):
+        for half, direction in enumerate((pair[0], -pair[0], pair[1], -pair[1])):
+            if np.all(np.isfinite(direction)):  # An isolated point has no branches.
+                guesses.append(node + _AWAY * direction)
+                keys.append((number, half))
+    if not guesses:
+        return plain, {}
+    padded = np.resize(np.array(guesses), (-(-len(guesses) // 16) * 16, section.chart.dimension))
+    points, tangents = (np.asarray(a)[: len(guesses)] for a in _on_curve(section.chart, section.data, padded))
+    halves = {}
+    for k, (number, half) in enumerate(keys):
+        outward = float(np.dot(tangents[k], points[k] - nodes[number])) > 0
+        halves[len(plain) + k] = (number, half, outward)
+    return np.concatenate([plain, points]), halves
+
+
+def _to_curve(chart: Chart, data: SectionData, guesses: Array) -> tuple[Array, Array]:
+    def one(u: Array) -> tuple[Array, Array]:
+        u = newton.polish(lambda u: chart.singular(data, u), u, steps=6)
+        return u, chart.tangent(data, u)
+
+    return jax.vmap(one)(guesses)
+
+
+_on_curve = jax.jit(_to_curve, static_argnames="chart")
+
+
+def _borders(section: Section, left: list[continuation.Piece]) -> dict[tuple[int, int], tuple[np.ndarray, int]]:
+    """Returns the point where each piece leaves the box, solved for on the border."""
+    if not left:
+        return {}
+    inside = np.array([piece.points[-1] for piece in left])
+    outside = np.array([piece.outside for piece in left])
+    before, after = search.margins(section, inside), search.margins(section, outside)
+    edges = np.argmin(after, axis=1)
+    rows = np.arange(len(left))
+    share = before[rows, edges] / (before[rows, edges] - after[rows, edges])
+    guesses = inside + np.clip(share, 0.0, 1.0)[:, None] * (outside - inside)
+    points, good = search.border_points(section, guesses, edges)
+    near = np.max(np.abs(points - guesses), axis=1) < continuation.LONGEST_STEP
+    return {
+        (piece.source, piece.sign): (points[k], int(edges[k]))
+        for k, piece in enumerate(left)
+        if good[k] and near[k]
+    }
+
+
+def _all_tangents(chart: Chart, data: SectionData, points: Array) -> Array:
+    return jax.vmap(lambda u: chart.tangent(data, u))(points)
+
+
+_tangents_jit = jax.jit(_all_tangents, static_argnames="chart")
+
+
+def _tangents(section: Section, arcs: list[Arc]) -> list[np.ndarray]:
+    """Returns oriented unit tangents at all points of the arcs; at a crossing a zero vector."""
+    if not arcs:
+        return []
+    points = np.concatenate([arc.points for arc in arcs])
+    tangents = search.over_points(_tangents_jit, section, points)
+    size = np.sqrt(np.sum(tangents**2, axis=1, keepdims=True))
+    units = np.where(size > 1e-10, tangents / np.where(size > 0, size, 1.0), 0.0)
+    return np.split(units, np.cumsum([len(arc.points) for arc in arcs])[:-1])
