@@ -1,0 +1,438 @@
+"""``jk.cusps``: the cusps of a section, found twice over, and what only looks like one."""
+
+import json
+from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.precision import TOLERANCES
+from jaxkin.mapping import search
+from jaxkin.mapping.assembly import Arc, short_way
+from jaxkin.mapping.chart import Chart, SectionData
+from jaxkin.mapping.loci import evaluated
+from jaxkin.mapping.section import Section, bind_section
+from jaxkin.mapping.tracing import Traced, trace_section
+from jaxkin.numerics import newton
+from jaxkin.numerics.small_linalg import pivoted_solve
+from jaxkin.sweep.grid import Grid
+
+#: Relative size of a third coefficient, or of a gradient, below which a point is no ordinary cusp.
+_DEGENERATE = 1e-6
+#: Cusp poses whose joint values differ by less than this share of a length are over one cusp.
+_ONE_CUSP = 1e-9
+#: Perturbed restarts from which the position error is estimated, and how far they are moved.
+_RESTARTS, _MOVED = 8, 1e-7
+
+
+@dataclass(frozen=True)
+class Other:
+    """A point at which the cusp equations hold, and that is no cusp.
+
+    Attributes:
+        kind: ``"crossing"`` (the gradient of det A vanishes), ``"isolated point"`` (the same, and the singular set is
+            this point alone), ``"swallowtail or higher"`` (the third coefficient vanishes as well), or ``"double
+            kernel"`` (A loses two ranks).
+        joints: ``(n_joint,)``.
+        pose: ``(n_pose,)``.
+    """
+
+    kind: str
+    joints: np.ndarray
+    pose: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cusps:
+    """All cusps of a section: joint points at which three assembly modes meet in one pose.
+
+    Attributes:
+        joints: ``(n, n_joint)``, one row a distinct joint point.
+        poses: n arrays ``(k_i, n_pose)``: the triple poses over each (two for the analytic 3-RPR).
+        residual: ``(n,)`` largest dimensionless residual of the constraints, det A and the second coefficient.
+        error: ``(n,)`` estimated error of the joint values, in their unit: how far Newton's method, started
+            nearby again, ends apart.
+        third: ``(n,)`` smallest third coefficient w (F_xxx v v v - 3 F_xx v A+ F_xx v v), dimensionless, over the poses:
+            not zero at a triple solution that is no worse.
+        others: What satisfies the cusp equations and is none, by name.
+        request: What determines the numbers.
+        pose_names: Names of the pose axes.
+        joint_names: Names of the joint axes.
+        units: Unit of every axis.
+        evidence: What speaks for completeness, by name.
+    """
+
+    joints: np.ndarray
+    poses: tuple[np.ndarray, ...]
+    residual: np.ndarray
+    error: np.ndarray
+    third: np.ndarray
+    others: tuple[Other, ...]
+    request: dict[str, Any]
+    pose_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: dict[str, str]
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Number of distinct joint points."""
+        return len(self.joints)
+
+    def __str__(self) -> str:
+        """A summary of a few lines."""
+        lines = [f"{len(self)} cusps, {sum(map(len, self.poses))} triple poses"]
+        for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True)):
+            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, joints, strict=True))
+            lines.append(
+                f"  [{k}] {at}  (error {self.error[k]:.0e}, residual {self.residual[k]:.0e}, "
+                f"third coefficient {self.third[k]:.2g})"
+            )
+            for pose in poses:
+                there = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.pose_names, pose, strict=True))
+                lines.append(f"      {there}")
+        for other in self.others:
+            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, other.joints, strict=True))
+            lines.append(f"  no cusp, {other.kind}: {at}")
+        lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
+        return "\n".join(lines)
+
+    def to_json(self) -> str:
+        """Returns everything as JSON text."""
+        found = [
+            {
+                "joints": joints.tolist(),
+                "poses": poses.tolist(),
+                "residual": float(self.residual[k]),
+                "error": float(self.error[k]),
+                "third_coefficient": float(self.third[k]),
+            }
+            for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True))
+        ]
+        others = [{"kind": o.kind, "joints": o.joints.tolist(), "pose": o.pose.tolist()} for o in self.others]
+        content = {
+            "request": self.request,
+            "joint_axes": list(self.joint_names),
+            "pose_axes": list(self.pose_names),
+            "units": self.units,
+            "cusps": found,
+            "others": others,
+            "evidence": self.evidence,
+        }
+        return json.dumps(content, indent=2)
+
+
+def cusps(robot: Mechanism, section: Grid) -> Cusps:
+    """Finds the cusps of a section of the joint space.
+
+    A cusp is a singular pose at which det A does not change along the kernel of A: three assembly modes meet. All
+    roots of {section, det A = 0, grad det A . v = 0} are sought in pose space, from spread starts, and again as changes
+    of sign along the traced singular curves; both must agree. Points where grad det A vanishes solve the same
+    equations and are no cusps: there the singular set crosses itself.
+
+    Args:
+        robot: The mechanism.
+        section: A grid with two free joint axes; their ends are limits, their numbers only seed.
+
+    Returns:
+        ``.joints (n, n_joint)``, ``.poses`` (n arrays), ``.residual``, ``.error``, ``.third``, ``.others``, ``.evidence``.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: As for ``singular_curves``.
+        GeometryError: As for ``singular_curves``.
+
+    Not differentiable.
+
+    References:
+        Zein, M., Wenger, P. and Chablat, D., 2007, "Singular curves in the joint space and cusp points of 3-RPR parallel
+        manipulators", Robotica 25(6): cusps as triple roots, six in the section rho1 = 14.98 of their geometry.
+    """
+    bound = bind_section("jk.cusps", robot, section)
+    traced = trace_section("jk.cusps", bound)
+    return cusps_of(bound, traced)
+
+
+def cusps_of(section: Section, traced: Traced) -> Cusps:
+    """Finds the cusps of a section whose singular curves are traced."""
+    along, changes = _along_curves(section, traced)
+    apart = _from_starts(section)
+    points = np.concatenate([along, apart])
+    kept = search.distinct(section, points)
+    points = points[kept]
+    facts = _facts(section, points)
+    near_crossing = _near(section, points, traced.crossings, 1e-3)
+    kinds = [_kind(f, c) for f, c in zip(facts, near_crossing, strict=True)]
+    good = np.array([kind == "cusp" for kind in kinds], bool)
+    evidence = {
+        "changes of sign along the curves": changes,
+        "cusp poses found along the curves": int(np.sum(good & (kept < len(along)))),
+        "cusp poses found from spread starts": _met(section, points[good], apart),
+        "cusp poses on no traced curve": int(np.sum(good & (kept >= len(along)))),
+        **traced.evidence,
+    }
+    others = [
+        Other(kind, f.joints, f.pose) for kind, f in zip(kinds, facts, strict=True) if kind not in ("cusp", "crossing", "")
+    ]
+    joints, poses, _ = evaluated(section, traced.crossings)
+    others += [Other("crossing", q, x) for q, x in zip(joints, poses, strict=True)]
+    return _grouped(section, [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence)
+
+
+def _met(section: Section, points: np.ndarray, others: np.ndarray) -> int:
+    return int(np.sum(_near(section, points, others, search.SAME)))
+
+
+def _near(section: Section, points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarray:
+    """Returns which points have another within a distance."""
+    gaps = np.max(np.abs(short_way(points[:, None] - others[None], section.period)), axis=2, initial=0.0)
+    return np.any(gaps < distance, axis=1)
+
+
+def _fold_rates(chart: Chart, data: SectionData, points: Array) -> Array:
+    """Returns the kernel and the rate of det A along it, both for a kernel of length one: ``(k, n_pose + 1)``."""
+
+    def one(u: Array) -> Array:
+        kernel = chart.kernel(data, u)
+        size = jnp.sqrt(jnp.sum(kernel * kernel))
+        size = jnp.where(size > 0, size, 1.0)
+        return jnp.append(kernel, chart.fold_rate(data, u)) / size
+
+    return jax.vmap(one)(points)
+
+
+_rates = jax.jit(_fold_rates, static_argnames="chart")
+
+
+def _along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int]:
+    """Returns roots found where the rate changes sign, or comes near zero, along the arcs; and the changes' number.
+
+    The kernel's sign is carried on from point to point: it may come back reversed on a closed arc.
+    """
+    guesses, changes = [], 0
+    if traced.arcs:
+        lengths = [len(arc.points) for arc in traced.arcs]
+        values = search.over_points(_rates, section, np.concatenate([arc.points for arc in traced.arcs]))
+        for arc, rows in zip(traced.arcs, np.split(values, np.cumsum(lengths)[:-1]), strict=True):
+            crossed, near = _brackets(arc, rows, section.period)
+            guesses += crossed + near
+            changes += len(crossed)
+    if not guesses:
+        return np.zeros((0, section.chart.dimension)), 0
+    pairs = np.array(guesses)
+    room = max(64, 1 << (len(pairs) - 1).bit_length())
+    padded = np.resize(pairs, (room, *pairs.shape[1:]))
+    u, residual, margin = (np.asarray(a)[: len(pairs)] for a in _refine(section.chart, section.data, padded))
+    size = np.max(np.abs(pairs[:, 1] - pairs[:, 0]), axis=1)
+    here = np.max(np.abs(short_way(u - pairs[:, 0], section.period)), axis=1) < 3 * size + 1e-6
+    good = (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK) & here
+    return search.glued(section, u[good]), changes
+
+
+def _brackets(arc: Arc, rows: np.ndarray, period: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Returns pairs of points between which the rate changes sign, and pairs about its smallest values otherwise."""
+    points, kernels, rates = arc.points, rows[:, :-1], rows[:, -1]
+    smooth = np.ones(len(points), bool)
+    smooth[[0, -1]] = [arc.start.kind != "crossing", arc.end.kind != "crossing"]
+    points, kernels, rates = points[smooth], kernels[smooth], rates[smooth]
+    if arc.closed:
+        last = points[-1] + short_way(points[0] - points[-1], period)
+        points, kernels, rates = np.vstack([points, last]), np.vstack([kernels, kernels[:1]]), np.append(rates, rates[0])
+    flips = np.where(np.sum(kernels[1:] * kernels[:-1], axis=1) < 0, -1.0, 1.0)
+    rates = rates * np.cumprod(np.append(1.0, flips))
+    change = rates[:-1] * rates[1:] <= 0
+    crossed = [points[k : k + 2] for k in np.flatnonzero(change)]
+    size = np.abs(rates)
+    dips = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:]) & ~change[:-1] & ~change[1:]
+    return crossed, [points[[k, k + 2]] for k in np.flatnonzero(dips)]
+
+
+def _refined(chart: Chart, data: SectionData, pairs: Array) -> tuple[Array, Array, Array]:
+    """Solves the cusp equations between two points of a curve: bisection along the chord, then Newton's method."""
+
+    def onto_curve(guess: Array, across: Array) -> Array:
+        def system(u: Array) -> Array:
+            return jnp.append(chart.singular(data, u), jnp.dot(across, u - guess))
+
+        return newton.polish(system, guess, steps=4, trust=0.1)
+
+    def one(pair: Array) -> tuple[Array, Array, Array]:
+        a, b = pair
+        across = (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2))
+        reference = chart.kernel(data, a)
+
+        def rate(s: Array) -> Array:
+            u = onto_curve(a + s * (b - a), across)
+            return chart.fold_rate(data, u) * jnp.sign(jnp.dot(chart.kernel(data, u), reference))
+
+        start = jnp.sign(chart.fold_rate(data, a))
+
+        def halve(_: Array, ends: Array) -> Array:
+            middle = 0.5 * (ends[0] + ends[1])
+            same = jnp.sign(rate(middle)) == start
+            return jnp.where(same, jnp.stack([middle, ends[1]]), jnp.stack([ends[0], middle]))
+
+        # Without a change of sign the middle is the better guess.
+        ends = jax.lax.fori_loop(0, 12, halve, jnp.array([0.0, 1.0]))
+        s = jnp.where(ends[1] == 1.0, 0.5, 0.5 * (ends[0] + ends[1]))
+        system = partial(chart.cusp, data)
+        u = newton.polish(system, onto_curve(a + s * (b - a), across), steps=6, trust=0.1)
+        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
+
+    return jax.vmap(one)(pairs)
+
+
+_refine = jax.jit(_refined, static_argnames="chart")
+
+
+def _search_all(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+    def one(u: Array) -> tuple[Array, Array, Array]:
+        def objective(u: Array) -> Array:
+            return jnp.concatenate([chart.cusp(data, u), jnp.minimum(chart.margins(data, u), 0.0)])
+
+        system = partial(chart.cusp, data)
+        u = newton.polish(system, newton.descend(objective, u, 30), steps=4)
+        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
+
+    return jax.vmap(one)(points)
+
+
+_search = jax.jit(_search_all, static_argnames="chart")
+
+
+def _from_starts(section: Section) -> np.ndarray:
+    """Returns the distinct roots of the cusp equations found from starts spread over the glued space.
+
+    Near a crossing Newton's method converges slowly to the crossing and leaves a crowd; ``_kind`` tells them.
+    """
+    points = search.starting_points(section, section.starts, skip=7 * section.starts)
+    u, residual, margin = (np.asarray(a) for a in _search(section.chart, section.data, points))
+    good = (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK)
+    u = search.glued(section, u[good])
+    return u[search.distinct(section, u)]
+
+
+@dataclass(frozen=True)
+class _Fact:
+    """What is measured at one root of the cusp equations; all dimensionless but for joints, pose and error."""
+
+    joints: np.ndarray
+    pose: np.ndarray
+    residual: float
+    error: float
+    gradient: float
+    second: float
+    third: float
+    rank: float
+
+
+def _measured(chart: Chart, data: SectionData, points: Array) -> tuple[Array, ...]:
+    """Measures roots of the cusp equations."""
+
+    def one(u: Array) -> tuple[Array, ...]:
+        system = partial(chart.cusp, data)
+        shifts = jnp.asarray(newton.lattice(_RESTARTS, chart.dimension) - 0.5) * _MOVED
+        again = jax.vmap(lambda shift: newton.polish(system, u + shift, steps=4))(shifts)
+        spread = jax.vmap(lambda other: chart.joints(data, other))(again) - chart.joints(data, u)[None]
+        rows = jnp.concatenate([jax.jacfwd(partial(chart.section, data))(u), jnp.zeros((0, chart.dimension))])
+        slope = jax.jacfwd(partial(chart.determinant, data))(u)
+        # The part of the gradient along the section, against the size of the determinant's terms.
+        if chart.rows:
+            slope = slope - rows.T @ pivoted_solve(rows @ rows.T, rows @ slope)
+        left, sigma, right = jnp.linalg.svd(chart.matrix(data, u))
+        size = jnp.prod(jnp.sqrt(jnp.sum(chart.matrix(data, u) ** 2, axis=1)))
+        w, v = left[:, -1], right[-1]
+        pose, joints = chart.configuration(data, u)
+
+        def along(x: Array) -> Array:
+            return data.robot.constraints(pose + x * data.pose_unit, joints) / data.row_scale
+
+        def second(a: Array, b: Array) -> Array:
+            return jax.jvp(lambda x: jax.jvp(along, (x,), (a,))[1], (jnp.zeros_like(pose),), (b,))[1]
+
+        def first_of_second(x: Array) -> Array:
+            return jax.jvp(lambda y: jax.jvp(along, (y,), (v,))[1], (x,), (v,))[1]
+
+        cubic = jax.jvp(first_of_second, (jnp.zeros_like(pose),), (v,))[1]
+        bend = second(v, v)
+        # The pseudo-inverse without its smallest direction, which is the kernel.
+        response = right[:-1].T @ ((left[:, :-1].T @ bend) / sigma[:-1])
+        third = w @ (cubic - 3 * second(v, response))
+        return (
+            jnp.max(jnp.abs(spread)),
+            jnp.sqrt(jnp.sum(slope**2)) / size,
+            w @ bend,
+            third,
+            sigma[-2] / sigma[0],
+        )
+
+    return jax.vmap(one)(points)
+
+
+_measure = jax.jit(_measured, static_argnames="chart")
+
+
+def _facts(section: Section, points: np.ndarray) -> list[_Fact]:
+    if len(points) == 0:
+        return []
+    joints, poses, residual = evaluated(section, points)
+    padded = np.resize(points, (max(64, 1 << (len(points) - 1).bit_length()), points.shape[1]))
+    spread, gradient, second, third, rank = (np.asarray(a) for a in _measure(section.chart, section.data, padded))
+    rounding = 4 * np.finfo(float).eps * np.max(np.abs(joints), axis=1)
+    return [
+        _Fact(
+            joints[k],
+            poses[k],
+            float(max(residual[k], abs(second[k]))),
+            float(spread[k] + rounding[k]),
+            float(gradient[k]),
+            float(second[k]),
+            float(abs(third[k])),
+            float(rank[k]),
+        )
+        for k in range(len(points))
+    ]
+
+
+def _kind(fact: _Fact, near_crossing: bool) -> str:
+    """Says what a root of the cusp equations is; "" for a point that Newton's method has left beside a crossing."""
+    if fact.gradient < _DEGENERATE or (near_crossing and not fact.error < 1e-9):
+        return "" if near_crossing else "crossing"
+    if fact.rank < _DEGENERATE:
+        return "double kernel"
+    if fact.third < _DEGENERATE:
+        return "swallowtail or higher"
+    return "cusp"
+
+
+def _grouped(section: Section, facts: list[_Fact], others: list[Other], evidence: dict[str, Any]) -> Cusps:
+    """Gathers cusp poses over one joint point, in ascending order of the joints."""
+    robot = section.robot
+    unit = np.asarray(section.data.joint_unit)
+    groups: list[list[_Fact]] = []
+    for fact in sorted(facts, key=lambda f: tuple(np.round(f.joints / unit, 8))):
+        home = next(
+            (g for g in groups if np.max(np.abs(g[0].joints - fact.joints) / unit) < _ONE_CUSP + fact.error), None
+        )
+        if home is None:
+            groups.append([fact])
+        else:
+            home.append(fact)
+    n = len(robot.joint_axes)
+    return Cusps(
+        joints=np.array([g[0].joints for g in groups]).reshape(len(groups), n),
+        poses=tuple(np.array([f.pose for f in sorted(g, key=lambda f: tuple(-f.pose))]) for g in groups),
+        residual=np.array([max(f.residual for f in g) for g in groups]),
+        error=np.array([max(f.error for f in g) for g in groups]),
+        third=np.array([min(f.third for f in g) for g in groups]),
+        others=tuple(others),
+        request=section.content("newton"),
+        pose_names=tuple(axis.name for axis in robot.pose_axes),
+        joint_names=tuple(axis.name for axis in robot.joint_axes),
+        units=section.units,
+        evidence=evidence,
+    )
