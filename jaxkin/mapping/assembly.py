@@ -24,6 +24,8 @@ class End(NamedTuple):
 
 
 CLOSED = End("")
+#: Distance between markers on a segment, and how many of the nearest ones are looked at.
+_MARKER, _NEIGHBOURS = 0.01, 24
 
 
 @dataclass(frozen=True)
@@ -243,17 +245,19 @@ def distance_to_arcs(
     shift = np.where(turn > 0, period, 1.0)
 
     def folded(x: np.ndarray) -> np.ndarray:
-        return np.where(turn > 0, x - np.floor(x / shift) * shift, x)
+        inside = np.minimum(x - np.floor(x / shift) * shift, np.nextafter(shift, 0))
+        return np.where(turn > 0, inside, x)
 
-    # KDTree glues every axis of finite box size; unglued ones get a size of zero.
-    middle = folded(0.5 * (a + b))
-    tree = KDTree(np.where(turn > 0, np.minimum(middle, np.nextafter(turn, 0)), middle), boxsize=turn)
-    count = min(4, len(middle))
-    place = folded(points)
-    place = np.where(turn > 0, np.minimum(place, np.nextafter(turn, 0)), place)
-    nearest = tree.query(place, k=count)[1].reshape(len(points), count)
     chord = b - a
     size = np.sqrt(np.sum(chord**2, axis=1))
+    # Long segments stand beside very short ones: markers along them let the tree compare like with like.
+    marks = np.maximum(1, np.ceil(size / _MARKER)).astype(int)
+    owner = np.repeat(np.arange(len(a)), marks)
+    share = (np.arange(len(owner)) - np.repeat(np.cumsum(marks) - marks, marks) + 0.5) / marks[owner]
+    # KDTree glues every axis of finite box size; unglued ones get a size of zero.
+    tree = KDTree(folded(a[owner] + share[:, None] * chord[owner]), boxsize=turn)
+    count = min(_NEIGHBOURS, len(owner))
+    nearest = owner[tree.query(folded(points), k=count)[1].reshape(len(points), count)]
     best, best_size = np.full(len(points), np.inf), np.ones(len(points))
     for column in nearest.T:
         p = points - a[column]

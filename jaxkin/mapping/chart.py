@@ -44,6 +44,7 @@ class SectionData(NamedTuple):
         pose_unit: ``(n_pose,)`` one unit per pose axis.
         joint_unit: ``(n_joint,)`` one unit per joint axis.
         row_scale: ``(n,)`` magnitude of each equation's terms.
+        matrix_scale: ``(n,)`` magnitude of each row of A, for poses in their units.
         low: ``(2,)`` lower ends of the free joints.
         high: ``(2,)`` upper ends.
     """
@@ -53,6 +54,7 @@ class SectionData(NamedTuple):
     pose_unit: Array
     joint_unit: Array
     row_scale: Array
+    matrix_scale: Array
     low: Array
     high: Array
 
@@ -102,7 +104,7 @@ class Chart:
         """Returns A = dF/dpose, dimensionless, ``(n, n)``."""
         pose, joints = self.configuration(data, u)
         direct = jax.jacfwd(data.robot.constraints)(pose, joints)
-        return direct * data.pose_unit[None, :] / data.row_scale[:, None]
+        return direct * data.pose_unit[None, :] / data.matrix_scale[:, None]
 
     def determinant(self, data: SectionData, u: Array) -> Array:
         """Returns det A, dimensionless, a polynomial of the entries."""

@@ -26,6 +26,10 @@ from jaxkin.sweep.grid import Grid
 _DEGENERATE = 1e-6
 #: Cusp poses whose joint values differ by less than this share of a length are over one cusp.
 _ONE_CUSP = 1e-9
+#: Newton's method creeps up to a crossing, where the cusp equations are singular: what is so near is the crossing.
+_AT_CROSSING = 1e-4
+#: Least cosine between the kernels of neighbouring points of a curve.
+_KERNEL_TURN = 0.8
 #: Perturbed restarts from which the position error is estimated, and how far they are moved.
 _RESTARTS, _MOVED = 8, 1e-7
 
@@ -153,7 +157,7 @@ def cusps(robot: Mechanism, section: Grid) -> Cusps:
         manipulators", Robotica 25(6): cusps as triple roots, six in the section rho1 = 14.98 of their geometry.
     """
     bound = bind_section("jk.cusps", robot, section)
-    traced = trace_section("jk.cusps", bound)
+    traced = trace_section(bound)
     return cusps_of(bound, traced)
 
 
@@ -165,7 +169,7 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
     kept = search.distinct(section, points)
     points = points[kept]
     facts = _facts(section, points)
-    near_crossing = _near(section, points, traced.crossings, 1e-3)
+    near_crossing = _near(section, points, traced.crossings, _AT_CROSSING)
     kinds = [_kind(f, c) for f, c in zip(facts, near_crossing, strict=True)]
     good = np.array([kind == "cusp" for kind in kinds], bool)
     evidence = {
@@ -218,7 +222,7 @@ def _along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int]:
         lengths = [len(arc.points) for arc in traced.arcs]
         values = search.over_points(_rates, section, np.concatenate([arc.points for arc in traced.arcs]))
         for arc, rows in zip(traced.arcs, np.split(values, np.cumsum(lengths)[:-1]), strict=True):
-            crossed, near = _brackets(arc, rows, section.period)
+            crossed, near = _brackets(*_smooth(section, arc, rows))
             guesses += crossed + near
             changes += len(crossed)
     if not guesses:
@@ -233,15 +237,32 @@ def _along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int]:
     return search.glued(section, u[good]), changes
 
 
-def _brackets(arc: Arc, rows: np.ndarray, period: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
-    """Returns pairs of points between which the rate changes sign, and pairs about its smallest values otherwise."""
-    points, kernels, rates = arc.points, rows[:, :-1], rows[:, -1]
-    smooth = np.ones(len(points), bool)
+def _smooth(section: Section, arc: Arc, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns points of an arc without crossings, closed ones repeating the first, so close that the kernel turns little.
+
+    The kernel may turn faster than the curve, near a pose where A almost loses two ranks: its sign could not be
+    carried on over a long step.
+    """
+    smooth = np.ones(len(arc.points), bool)
     smooth[[0, -1]] = [arc.start.kind != "crossing", arc.end.kind != "crossing"]
-    points, kernels, rates = points[smooth], kernels[smooth], rates[smooth]
+    points, rows = arc.points[smooth], rows[smooth]
     if arc.closed:
-        last = points[-1] + short_way(points[0] - points[-1], period)
-        points, kernels, rates = np.vstack([points, last]), np.vstack([kernels, kernels[:1]]), np.append(rates, rates[0])
+        last = points[-1] + short_way(points[0] - points[-1], section.period)
+        points, rows = np.vstack([points, last]), np.vstack([rows, rows[:1]])
+    for _ in range(12):
+        wide = np.flatnonzero(np.abs(np.sum(rows[1:, :-1] * rows[:-1, :-1], axis=1)) < _KERNEL_TURN)
+        if len(wide) == 0:
+            break
+        pairs = np.stack([points[wide], points[wide + 1]], axis=1)
+        middle = search.over_points(_midpoints, section, pairs.reshape(len(wide), -1))
+        points = np.insert(points, wide + 1, middle, axis=0)
+        rows = np.insert(rows, wide + 1, search.over_points(_rates, section, middle), axis=0)
+    return points, rows
+
+
+def _brackets(points: np.ndarray, rows: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """Returns pairs of points between which the rate changes sign, and pairs about its smallest values otherwise."""
+    kernels, rates = rows[:, :-1], rows[:, -1]
     flips = np.where(np.sum(kernels[1:] * kernels[:-1], axis=1) < 0, -1.0, 1.0)
     rates = rates * np.cumprod(np.append(1.0, flips))
     change = rates[:-1] * rates[1:] <= 0
@@ -251,14 +272,28 @@ def _brackets(arc: Arc, rows: np.ndarray, period: np.ndarray) -> tuple[list[np.n
     return crossed, [points[[k, k + 2]] for k in np.flatnonzero(dips)]
 
 
+def _onto_curve(chart: Chart, data: SectionData, guess: Array, across: Array) -> Array:
+    """Returns the point of the singular curve in the plane through the guess across a direction."""
+
+    def system(u: Array) -> Array:
+        return jnp.append(chart.singular(data, u), jnp.dot(across, u - guess))
+
+    return newton.polish(system, guess, steps=4, trust=0.1)
+
+
+def _all_midpoints(chart: Chart, data: SectionData, pairs: Array) -> Array:
+    def one(pair: Array) -> Array:
+        a, b = pair[: chart.dimension], pair[chart.dimension :]
+        return _onto_curve(chart, data, 0.5 * (a + b), (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2)))
+
+    return jax.vmap(one)(pairs)
+
+
+_midpoints = jax.jit(_all_midpoints, static_argnames="chart")
+
+
 def _refined(chart: Chart, data: SectionData, pairs: Array) -> tuple[Array, Array, Array]:
     """Solves the cusp equations between two points of a curve: bisection along the chord, then Newton's method."""
-
-    def onto_curve(guess: Array, across: Array) -> Array:
-        def system(u: Array) -> Array:
-            return jnp.append(chart.singular(data, u), jnp.dot(across, u - guess))
-
-        return newton.polish(system, guess, steps=4, trust=0.1)
 
     def one(pair: Array) -> tuple[Array, Array, Array]:
         a, b = pair
@@ -266,7 +301,7 @@ def _refined(chart: Chart, data: SectionData, pairs: Array) -> tuple[Array, Arra
         reference = chart.kernel(data, a)
 
         def rate(s: Array) -> Array:
-            u = onto_curve(a + s * (b - a), across)
+            u = _onto_curve(chart, data, a + s * (b - a), across)
             return chart.fold_rate(data, u) * jnp.sign(jnp.dot(chart.kernel(data, u), reference))
 
         start = jnp.sign(chart.fold_rate(data, a))
@@ -280,7 +315,7 @@ def _refined(chart: Chart, data: SectionData, pairs: Array) -> tuple[Array, Arra
         ends = jax.lax.fori_loop(0, 12, halve, jnp.array([0.0, 1.0]))
         s = jnp.where(ends[1] == 1.0, 0.5, 0.5 * (ends[0] + ends[1]))
         system = partial(chart.cusp, data)
-        u = newton.polish(system, onto_curve(a + s * (b - a), across), steps=6, trust=0.1)
+        u = newton.polish(system, _onto_curve(chart, data, a + s * (b - a), across), steps=6, trust=0.1)
         return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
 
     return jax.vmap(one)(pairs)
@@ -305,11 +340,13 @@ _search = jax.jit(_search_all, static_argnames="chart")
 
 
 def _from_starts(section: Section) -> np.ndarray:
-    """Returns the distinct roots of the cusp equations found from starts spread over the glued space.
+    """Returns the distinct roots of the cusp equations found from starts of their own.
 
-    Near a crossing Newton's method converges slowly to the crossing and leaves a crowd; ``_kind`` tells them.
+    Half of them are spread over the glued space, half over the curves; none comes from the tracer. Near a crossing Newton's method converges slowly to the crossing and leaves a crowd; ``_kind`` tells them.
     """
-    points = search.starting_points(section, section.starts, skip=7 * section.starts)
+    spread = search.starting_points(section, part=2)
+    curves = search.seeds_on_curves(section, part=3)
+    points = np.concatenate([spread, np.resize(curves, spread.shape) if len(curves) else spread])
     u, residual, margin = (np.asarray(a) for a in _search(section.chart, section.data, points))
     good = (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK)
     u = search.glued(section, u[good])
@@ -349,7 +386,7 @@ def _measured(chart: Chart, data: SectionData, points: Array) -> tuple[Array, ..
         pose, joints = chart.configuration(data, u)
 
         def along(x: Array) -> Array:
-            return data.robot.constraints(pose + x * data.pose_unit, joints) / data.row_scale
+            return data.robot.constraints(pose + x * data.pose_unit, joints) / data.matrix_scale
 
         def second(a: Array, b: Array) -> Array:
             return jax.jvp(lambda x: jax.jvp(along, (x,), (a,))[1], (jnp.zeros_like(pose),), (b,))[1]
@@ -400,8 +437,10 @@ def _facts(section: Section, points: np.ndarray) -> list[_Fact]:
 
 def _kind(fact: _Fact, near_crossing: bool) -> str:
     """Says what a root of the cusp equations is; "" for a point that Newton's method has left beside a crossing."""
-    if fact.gradient < _DEGENERATE or (near_crossing and not fact.error < 1e-9):
-        return "" if near_crossing else "crossing"
+    if near_crossing:
+        return ""
+    if fact.gradient < _DEGENERATE:
+        return "crossing"
     if fact.rank < _DEGENERATE:
         return "double kernel"
     if fact.third < _DEGENERATE:

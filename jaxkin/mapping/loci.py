@@ -52,7 +52,7 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
         return closed_form_curves(bound)
     if method != "trace":
         raise InputError(f"jk.singular_curves: method is {method!r}: choose 'trace' or 'closed form'.")
-    traced = trace_section("jk.singular_curves", bound)
+    traced = trace_section(bound)
     curves = tuple(_curve(bound, strand) for strand in strands_of(traced.arcs, bound.period))
     joints, poses, residual = evaluated(bound, traced.crossings)
     return SingularCurves(
@@ -127,7 +127,7 @@ def _factor(section: Section, poses: np.ndarray) -> str:
     """Names the factor of the singularity that vanishes along a curve, if the mechanism declares factors."""
     if not hasattr(section.robot, "factors"):
         return ""
-    spread = search.starting_points(section, 32)[:, : section.chart.n_pose] * np.asarray(section.data.pose_unit)
+    spread = search.starting_points(section, part=0)[:32, : section.chart.n_pose] * np.asarray(section.data.pose_unit)
     here, anywhere = (_factors(section.robot, points) for points in (np.resize(poses, (32, poses.shape[1])), spread))
     share = {name: float(np.median(np.abs(here[name])) / np.median(np.abs(anywhere[name]))) for name in here}
     return min(share, key=lambda name: share[name])

@@ -12,12 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxkin.core.errors import InputError
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.mapping.assembly import short_way
 from jaxkin.mapping.chart import Chart, SectionData
-from jaxkin.mapping.section import Section
-from jaxkin.numerics.newton import descend, lattice, polish
+from jaxkin.mapping.section import PARTS, Section
+from jaxkin.numerics.newton import descend, polish
 from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
 
 #: Points closer than this (dimensionless) are one.
@@ -43,15 +42,6 @@ def _project(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Arr
     return jax.vmap(one)(points)
 
 
-def _reach(chart: Chart, data: SectionData, points: Array) -> Array:
-    """Returns how far each point, moved towards the section and into the box, still misses them."""
-
-    def objective(u: Array) -> Array:
-        return jnp.concatenate([chart.section(data, u), _violations(chart, data, u)])
-
-    return jax.vmap(lambda u: jnp.max(jnp.abs(objective(descend(objective, u, 30))), initial=0.0))(points)
-
-
 def _edge_points(chart: Chart, data: SectionData, points: Array, edge: Array) -> tuple[Array, Array, Array]:
     """Moves points onto one border each; returns them, residuals and the smallest margin."""
 
@@ -73,7 +63,7 @@ def _critical_points(chart: Chart, data: SectionData, points: Array) -> tuple[Ar
         rows = jax.jacfwd(partial(chart.section, data))(u)
         multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.rows else jnp.zeros(0)
         # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
-        z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=8, trust=0.3)
+        z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
         matrix = chart.matrix(data, z[: chart.dimension])
         size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
         relative = jnp.abs(expanded_determinant(matrix)) / size
@@ -107,39 +97,23 @@ def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
 
 
 _project_jit = jax.jit(_project, static_argnames="chart")
-_reach_jit = jax.jit(_reach, static_argnames="chart")
 _edge_jit = jax.jit(_edge_points, static_argnames="chart")
 _branches_jit = jax.jit(_branch_directions, static_argnames="chart")
 _critical_jit = jax.jit(_critical_points, static_argnames="chart")
 
 
-def starting_points(section: Section, count: int, skip: int = 0) -> np.ndarray:
-    """Returns points spread over the glued space of the unknowns, ``(count, m)``."""
-    unit = lattice(skip + count, section.chart.dimension)[skip:]
-    return section.low + (section.high - section.low) * unit
+def starting_points(section: Section, part: int) -> np.ndarray:
+    """Returns one part of the samples of the section, ``(starts, m)``: no two parts share a start."""
+    some = section.samples[part % len(section.samples) :: PARTS]
+    return np.resize(some, (section.starts, section.chart.dimension))
 
 
-def seeds_on_curves(section: Section, skip: int = 0) -> np.ndarray:
-    """Returns points on the singular curves inside the box, ``(k, m)``, from spread starts."""
-    points = jnp.asarray(starting_points(section, section.starts, skip))
+def seeds_on_curves(section: Section, part: int) -> np.ndarray:
+    """Returns points on the singular curves inside the box, ``(k, m)``, from one part of the samples."""
+    points = jnp.asarray(starting_points(section, part))
     u, residual, margin = (np.asarray(a) for a in _project_jit(section.chart, section.data, points))
     good = (residual <= TOLERANCES.residual) & (margin >= 0)
     return glued(section, u[good])
-
-
-def check_reachable(who: str, section: Section) -> None:
-    """Raises where no pose reaches the section's box.
-
-    Raises:
-        InputError: No pose was found.
-    """
-    points = jnp.asarray(starting_points(section, 256))
-    missing = np.asarray(_reach_jit(section.chart, section.data, points))
-    if not np.any(missing <= 1e-9):
-        raise InputError(
-            f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
-            "range; widen the free axes or fix the others elsewhere."
-        )
 
 
 def glued(section: Section, u: np.ndarray) -> np.ndarray:

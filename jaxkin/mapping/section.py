@@ -1,6 +1,6 @@
 """Sections: a grid with two free joints, bound to a mechanism and checked."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -13,8 +13,12 @@ from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.mapping.chart import Chart, SectionData, chart_of
-from jaxkin.numerics.newton import lattice
+from jaxkin.numerics.newton import descend, lattice
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
+
+
+#: Samples of a section are made for so many independent searches.
+PARTS = 4
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Section:
         period: ``(m,)`` period of each unknown, dimensionless, inf where it is not glued.
         low: ``(m,)`` lower ends of the region in which solutions are sought.
         high: ``(m,)`` upper ends.
+        samples: ``(k, m)`` poses spread over the section, inside the box: where searches start.
         starts: How many starts a search makes; the grid's numbers only choose this.
     """
 
@@ -39,6 +44,7 @@ class Section:
     period: np.ndarray
     low: np.ndarray
     high: np.ndarray
+    samples: np.ndarray
     starts: int
 
     def content(self, method: str) -> dict[str, Any]:
@@ -70,7 +76,8 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
     Raises:
         PrecisionError: float64 is not enabled.
         InputError: No mechanism or grid; an axis is unknown or missing; not exactly two are free; a joint is
-            fixed outside its limits or at a length of zero; a free joint's range misses its limits.
+            fixed outside its limits or at a length of zero; a free joint's range misses its limits; no pose
+            reaches the section.
         GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
     """
     checked_mechanism(who, robot)
@@ -93,10 +100,16 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
     data = _numbers(robot, bound, low, high, middle)
     _check_fixed(who, robot, bound, chart)
     starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
-    region = _region(robot, chart, data)
-    section = Section(robot, bound, chart, data, *region, starts)
-    _check_determinant(who, section)
-    return section
+    period, region_low, region_high = _region(robot, chart, data)
+    points = region_low + (region_high - region_low) * lattice(PARTS * starts, chart.dimension)
+    samples, missed = (np.asarray(a) for a in _onto_section(chart, data, jnp.asarray(points)))
+    section = Section(robot, bound, chart, data, period, region_low, region_high, samples[missed <= 1e-9], starts)
+    if len(section.samples) == 0:
+        raise InputError(
+            f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
+            "range; widen the free axes or fix the others elsewhere."
+        )
+    return replace(section, data=_scaled(who, section))
 
 
 def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -135,6 +148,7 @@ def _numbers(robot: Mechanism, bound: BoundGrid, low: np.ndarray, high: np.ndarr
         pose_unit=scale_vector(robot.pose_axes, length),
         joint_unit=scale_vector(robot.joint_axes, length),
         row_scale=row_scale,
+        matrix_scale=row_scale,
         low=jnp.asarray(low),
         high=jnp.asarray(high),
     )
@@ -177,26 +191,50 @@ def _region(robot: Mechanism, chart: Chart, data: SectionData) -> tuple[np.ndarr
     return np.array(period), np.array(low), np.array(high)
 
 
-def _check_determinant(who: str, section: Section) -> None:
-    """Refuses a mechanism whose determinant vanishes at points in general position."""
-    points = section.low + (section.high - section.low) * lattice(64, section.chart.dimension)
-    values, sizes = _determinants(section.chart, section.data, jnp.asarray(points))
-    if bool(np.all(np.abs(values) <= TOLERANCES.residual * np.asarray(sizes))):
+def _move_onto_section(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Moves points onto the section and into the box; returns them, and by how much they miss."""
+
+    def objective(u: jax.Array) -> jax.Array:
+        return jnp.concatenate([chart.section(data, u), jnp.minimum(chart.margins(data, u), 0.0)])
+
+    def one(u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        u = descend(objective, u, 30)
+        return u, jnp.max(jnp.abs(objective(u)))
+
+    return jax.vmap(one)(points)
+
+
+_onto_section = jax.jit(_move_onto_section, static_argnames="chart")
+
+
+def _scaled(who: str, section: Section) -> SectionData:
+    """Returns the numbers with the scale of A that makes its rows of order one on the section.
+
+    Raises:
+        GeometryError: The determinant vanishes at every sample.
+    """
+    points = jnp.asarray(np.resize(section.samples, (256, section.chart.dimension)))
+    norms, shares = (np.asarray(a) for a in _sizes(section.chart, section.data, points))
+    typical = np.median(norms, axis=0)
+    if np.all(shares <= TOLERANCES.residual) or not np.all(typical > 0):
         raise GeometryError(
-            f"{who}: det dF/dpose of {section.robot} vanishes identically: the mechanism is singular at every pose "
-            "(two legs, or two equations, depend on each other); change the geometry, or drop an equation that repeats "
-            "another."
+            f"{who}: det dF/dpose of {section.robot} vanishes identically on the section: the mechanism is singular at "
+            "every pose (two legs, or two equations, depend on each other); change the geometry, or drop an equation "
+            "that repeats another."
         )
+    return section.data._replace(matrix_scale=section.data.matrix_scale * typical)
 
 
-def _det_and_size(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
-    """Returns det A and Hadamard's bound, the magnitude of its terms."""
-    matrix = chart.matrix(data, u)
-    return chart.determinant(data, u), jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+def _row_sizes(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+    """Returns the lengths of the rows of A, and |det A| over their product, the magnitude of its terms."""
+
+    def one(u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        matrix = chart.matrix(data, u)
+        norms = jnp.sqrt(jnp.sum(matrix * matrix, axis=1))
+        size = jnp.prod(norms)
+        return norms, jnp.abs(chart.determinant(data, u)) / jnp.where(size > 0, size, 1.0)
+
+    return jax.vmap(one)(points)
 
 
-def _all_determinants(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
-    return jax.vmap(lambda u: _det_and_size(chart, data, u))(points)
-
-
-_determinants = jax.jit(_all_determinants, static_argnames="chart")
+_sizes = jax.jit(_row_sizes, static_argnames="chart")

@@ -13,7 +13,7 @@ from jaxkin.mapping.assembly import Arc, Network, arcs_of, distance_to_arcs, sho
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.section import Section
 from jaxkin.numerics import continuation, newton
-from jaxkin.numerics.continuation import LEFT, REACHED
+from jaxkin.numerics.continuation import LEFT, REACHED, STUCK
 
 #: So far from a crossing (dimensionless) the tracer takes over from the straight line through it.
 _AWAY = 1e-3
@@ -42,20 +42,15 @@ class Traced:
     evidence: dict[str, Any]
 
 
-def trace_section(who: str, section: Section) -> Traced:
+def trace_section(section: Section) -> Traced:
     """Traces all singular curves of a section.
 
     Two searches from different starts, and one for the ends on the borders, say where the curves are; what they find on
     no traced curve is traced from, until nothing is left.
-
-    Raises:
-        InputError: No pose reaches the section.
     """
-    first = search.seeds_on_curves(section)
-    if len(first) == 0:
-        search.check_reachable(who, section)
+    first = search.seeds_on_curves(section, part=0)
     nodes, directions = search.crossings(section, first)
-    second = search.seeds_on_curves(section, skip=section.starts)
+    second = search.seeds_on_curves(section, part=1)
     edges = search.seeds_on_borders(section, first)
     found = np.concatenate([first, second, edges])
     seeds, rounds, attempt = first, 0, 0
@@ -64,7 +59,10 @@ def trace_section(who: str, section: Section) -> Traced:
         arcs = arcs_of(network)
         tangents = _tangents(section, arcs)
         if network.contradictions and attempt + 1 < len(_STEPS):
-            attempt += 1
+            # The tracer gets stuck at a crossing that the search has missed, and says where it is.
+            before = len(nodes)
+            nodes, directions = search.crossings(section, np.concatenate([first, _stuck(section, network)]))
+            attempt += len(nodes) <= before
             continue
         gap, size = distance_to_arcs(found, arcs, tangents, section.period)
         missed = found[gap > _COVERED * size + 1e-7]
@@ -80,6 +78,13 @@ def trace_section(who: str, section: Section) -> Traced:
         "contradictory pieces": network.contradictions,
     }
     return Traced(arcs, tangents, nodes, evidence)
+
+
+def _stuck(section: Section, network: Network) -> np.ndarray:
+    """Returns where tracers got stuck, often enough for a search from some of the points to try them all."""
+    pieces = [*network.forward.values(), *network.backward.values()]
+    points = [piece.points[-1] for piece in pieces if piece.state == STUCK]
+    return np.repeat(np.array(points).reshape(len(points), section.chart.dimension), 8, axis=0)
 
 
 def _met(section: Section, edges: np.ndarray, ends: list[np.ndarray]) -> int:

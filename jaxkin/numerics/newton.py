@@ -68,13 +68,16 @@ def descend(function: Callable[[Array], Array], x: Array, steps: int) -> Array:
 
 
 def polish(function: Callable[[Array], Array], x: Array, steps: int = 3, trust: float = 1e-2) -> Array:
-    """Returns x after Newton's steps, the shortest ones where equations are fewer than unknowns; a long one is not made."""
+    """Returns x after Newton's steps, the shortest ones where equations are fewer than unknowns.
+
+    A step longer than ``trust`` is shortened to it.
+    """
     both = value_and_slope(function)
 
     def step(_: Array, x: Array) -> Array:
         f, j = both(x)
         move = pivoted_solve(j, f) if j.shape[0] == j.shape[1] else j.T @ pivoted_solve(j @ j.T, f)
-        return jnp.where(jnp.max(jnp.abs(move)) < trust, x - move, x)
+        return x - move * jnp.minimum(1.0, trust / (jnp.max(jnp.abs(move)) + 1e-300))
 
     return jax.lax.fori_loop(0, steps, step, x)
 
