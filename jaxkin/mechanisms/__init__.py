@@ -2,4 +2,4 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["rpr3", "catalogue"])
+__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["rpr3", "rpr3_closed_forms", "catalogue"])

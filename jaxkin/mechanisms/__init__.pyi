@@ -1,2 +1,3 @@
 from . import catalogue as catalogue
 from . import rpr3 as rpr3
+from . import rpr3_closed_forms as rpr3_closed_forms

@@ -24,7 +24,7 @@ from jaxkin.core.errors import GeometryError, Status
 from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechanism
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.tracing import is_traced
-from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general
+from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general, rpr3_closed_forms
 from jaxkin.mechanisms.catalogue import CATALOGUE
 
 Point = tuple[Array, Array]
@@ -162,6 +162,10 @@ class AnalyticRPR3(_PlanarRPR3):
             + 2 * d3 * (c3 - c2) * s * c**2
         )
         return {"f1": x * c + y * s, "f2": f2}
+
+    def closed_form_curves(self, axis: int, value: float) -> list[rpr3_closed_forms.Piece]:
+        """Returns all singular curves of the section rho[axis] = value; see ``rpr3_closed_forms.section_curves``."""
+        return rpr3_closed_forms.section_curves(self, axis, value)
 
 
 @mechanism
