@@ -23,6 +23,9 @@ from .kinematics.singularity import Conditioning as Conditioning
 from .kinematics.singularity import conditioning as conditioning
 from .kinematics.solve import forward as forward
 from .kinematics.solve import inverse as inverse
+from .mapping.surfaces import SingularSurfaces as SingularSurfaces
+from .mapping.surfaces import Surface as Surface
+from .mapping.surfaces import singular_surfaces as singular_surfaces
 from .sweep import fields as fields
 from .sweep.engine import sweep as sweep
 from .sweep.fields import Field as Field

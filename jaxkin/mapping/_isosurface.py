@@ -12,6 +12,8 @@ _FLOOR = 0.02
 _INTEGER = 2e-4
 #: Values at two glued faces that agree to this share of the largest value are the same.
 _AGREE = 1e-9
+#: A value smaller than this share of the largest around it is rounding.
+_NOISE = 1e-12
 
 
 class Mesh(NamedTuple):
@@ -32,6 +34,15 @@ class Mesh(NamedTuple):
     seams: tuple[np.ndarray, ...]
 
 
+def quieten(values: np.ndarray) -> None:
+    """Sets to zero what is rounding, as on a face of the box that lies in the surface: it then has one sign."""
+    values[np.abs(values) <= _NOISE * _largest_around(values)] = 0.0
+
+
+def _largest_around(values: np.ndarray) -> np.ndarray:
+    return ndimage.maximum_filter(np.abs(np.nan_to_num(values)), size=3)
+
+
 def glue(values: np.ndarray, axis: int) -> bool:
     """Copies the low face of an axis to the high one, with the sign that it has there; returns whether it did.
 
@@ -43,13 +54,13 @@ def glue(values: np.ndarray, axis: int) -> bool:
     same, opposite = (np.nanmax(np.abs(high - sign * low), initial=0.0) for sign in (1, -1))
     if min(same, opposite) > _AGREE * scale:
         return False
-    # On a face that is all rounding the sign says nothing; plus then finds a surface in the face once, not twice.
+    # On a face that is all zero the sign says nothing; plus then finds a surface in the face once, not twice.
     sign = -1 if opposite <= _AGREE * scale < same else 1
     np.moveaxis(values, axis, 0)[-1] = sign * low
     return True
 
 
-def extract(values: np.ndarray, glued: tuple[bool, bool, bool]) -> Mesh | None:
+def extract(values: np.ndarray, glued: tuple[bool, ...]) -> Mesh | None:
     """Finds the zero surface of sampled values.
 
     Args:
@@ -79,10 +90,9 @@ def extract(values: np.ndarray, glued: tuple[bool, bool, bool]) -> Mesh | None:
     return _keyed(np.asarray(place, float), np.asarray(faces, np.int64), values.shape, glued)
 
 
-def _levelled(values: np.ndarray, glued: tuple[bool, bool, bool]) -> np.ndarray:
+def _levelled(values: np.ndarray, glued: tuple[bool, ...]) -> np.ndarray:
     """Divides every value by the largest around it: signs stay, and float32 suffices for the rest."""
-    filled = np.nan_to_num(values)
-    around = ndimage.maximum_filter(np.abs(filled), size=3)
+    filled, around = np.nan_to_num(values), _largest_around(values)
     share = np.abs(filled) / np.where(around > 0, around, 1.0)
     level = np.where(filled < 0, -1.0, 1.0) * np.maximum(share, _FLOOR)
     for axis in np.flatnonzero(glued):

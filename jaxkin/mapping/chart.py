@@ -9,7 +9,7 @@ explicit: three unknowns, one equation of the fixed leg, and the determinant.
 
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -21,28 +21,20 @@ from jaxkin.numerics.newton import lattice
 from jaxkin.numerics.small_linalg import expanded_determinant, null_vector
 
 
-class Explicit(NamedTuple):
-    """A free joint that one equation gives from the pose.
-
-    Attributes:
-        joint: Index of the joint.
-        row: Index of the equation, which no other unknown joint enters.
-        degree: 1 where the equation is linear in the joint, 2 where it holds the joint's square alone.
-    """
-
-    joint: int
-    row: int
-    degree: int
-
-
 class SectionData(NamedTuple):
     """The numbers of a section, a pytree.
 
+    Which joints are free stands here, as rows of zeros and a one, and not in the chart: sections with other joints
+    fixed share their kernels.
+
     Attributes:
         robot: The mechanism.
-        fixed: ``(n_joint,)`` joint values, those of the free joints being the middle of their range.
+        fixed: ``(n_joint,)`` joint values, zero for the free ones.
+        free_joint: ``(2, n_joint)`` picks each free joint.
+        free_row: ``(2, n)`` picks the equation of each explicit joint; zeros for an unknown one.
+        kept_row: ``(n_rows, n)`` picks the equations that hold on the section.
         pose_unit: ``(n_pose,)`` one unit per pose axis.
-        joint_unit: ``(n_joint,)`` one unit per joint axis.
+        free_unit: ``(2,)`` one unit per free joint.
         row_scale: ``(n,)`` magnitude of each equation's terms.
         matrix_scale: ``(n,)`` magnitude of each row of A, for poses in their units.
         low: ``(2,)`` lower ends of the free joints.
@@ -51,54 +43,61 @@ class SectionData(NamedTuple):
 
     robot: Mechanism
     fixed: Array
+    free_joint: Array
+    free_row: Array
+    kept_row: Array
     pose_unit: Array
-    joint_unit: Array
+    free_unit: Array
     row_scale: Array
     matrix_scale: Array
     low: Array
     high: Array
 
 
+#: How a free joint stands in the equations: as an unknown of its own, or given by the pose, as itself or as its square.
+UNKNOWN, LINEAR, SQUARE = 0, 1, 2
+
+
 @dataclass(frozen=True)
 class Chart:
     """The structure of a section's equations; hashable, so that one compilation serves all numbers.
 
-    Points u are dimensionless: the pose in its units, then the free joints that are not explicit in theirs.
+    Points u are dimensionless: the pose in its units, then the free joints that are unknowns in theirs.
 
     Attributes:
         n_pose: Number of pose coordinates, and of equations.
-        free: Indices of the two free joints.
-        explicit: Free joints that the pose gives.
-        implicit: Free joints that are unknowns.
-        rows: Equations that hold on the section, those of the explicit joints left out.
+        kinds: UNKNOWN, LINEAR or SQUARE for each of the two free joints.
     """
 
     n_pose: int
-    free: tuple[int, int]
-    explicit: tuple[Explicit, ...]
-    implicit: tuple[int, ...]
-    rows: tuple[int, ...]
+    kinds: tuple[int, int]
+
+    @property
+    def unknown(self) -> tuple[int, ...]:
+        """Which of the two free joints are unknowns."""
+        return tuple(k for k, kind in enumerate(self.kinds) if kind == UNKNOWN)
 
     @property
     def dimension(self) -> int:
         """Number of unknowns; there are two more of them than equations of the section."""
-        return self.n_pose + len(self.implicit)
+        return self.n_pose + len(self.unknown)
+
+    @property
+    def n_rows(self) -> int:
+        """Number of equations that hold on the section, those of explicit joints left out."""
+        return self.dimension - 2
 
     def configuration(self, data: SectionData, u: Array) -> tuple[Array, Array]:
         """Returns pose and joints, explicit joints at zero."""
         joints = data.fixed
-        for entry in self.explicit:
-            joints = joints.at[entry.joint].set(0.0)
-        for k, joint in enumerate(self.implicit):
-            joints = joints.at[joint].set(u[self.n_pose + k] * data.joint_unit[joint])
+        for place, k in enumerate(self.unknown):
+            joints = joints + data.free_joint[k] * (u[self.n_pose + place] * data.free_unit[k])
         return u[: self.n_pose] * data.pose_unit, joints
 
     def section(self, data: SectionData, u: Array) -> Array:
         """Returns the equations that keep u on the section, dimensionless."""
-        if not self.rows:
-            return jnp.zeros(0)
-        rows = np.array(self.rows)
-        return (data.robot.constraints(*self.configuration(data, u)) / data.row_scale)[rows]
+        values = data.robot.constraints(*self.configuration(data, u)) / data.row_scale
+        return picked(data.kept_row, values)
 
     def matrix(self, data: SectionData, u: Array) -> Array:
         """Returns A = dF/dpose, dimensionless, ``(n, n)``."""
@@ -125,7 +124,7 @@ class Chart:
 
     def fold_rate(self, data: SectionData, u: Array) -> Array:
         """Returns the change of det A along its kernel, which vanishes at cusps (and where det A crosses itself)."""
-        direction = jnp.concatenate([self.kernel(data, u), jnp.zeros(len(self.implicit))])
+        direction = jnp.concatenate([self.kernel(data, u), jnp.zeros(len(self.unknown))])
         return jax.jvp(partial(self.determinant, data), (u,), (direction,))[1]
 
     def cusp(self, data: SectionData, u: Array) -> Array:
@@ -139,25 +138,27 @@ class Chart:
         pull = jax.vjp(partial(self.section, data), u)[1](multipliers)[0]
         return jnp.append(self.section(data, u), slope - pull)
 
-    def explicit_value(self, data: SectionData, u: Array, entry: Explicit) -> Array:
-        """Returns an explicit joint, or its square where the degree is 2 (never negative up to rounding)."""
+    def free_value(self, data: SectionData, u: Array, k: int) -> Array:
+        """Returns a free joint, or its square where that is what the pose gives (not negative up to rounding)."""
+        if self.kinds[k] == UNKNOWN:
+            return u[self.n_pose + self.unknown.index(k)] * data.free_unit[k]
         pose, joints = self.configuration(data, u)
 
         def row(value: Array) -> Array:
-            return data.robot.constraints(pose, joints.at[entry.joint].set(value))[entry.row]
+            equations = data.robot.constraints(pose, joints + value * data.free_joint[k])
+            return picked(data.free_row[k : k + 1], equations)[0]
 
         zero = jnp.zeros(())
-        if entry.degree == 1:
+        if self.kinds[k] == LINEAR:
             return -row(zero) / jax.grad(row)(zero)
         return -2 * row(zero) / jax.grad(jax.grad(row))(zero)
 
     def joints(self, data: SectionData, u: Array) -> Array:
         """Returns all joint values, ``(n_joint,)``."""
-        joints = self.configuration(data, u)[1]
-        for entry in self.explicit:
-            value = self.explicit_value(data, u, entry)
-            value = jnp.sqrt(jnp.maximum(value, 0.0)) if entry.degree == 2 else value
-            joints = joints.at[entry.joint].set(value)
+        joints = data.fixed
+        for k, kind in enumerate(self.kinds):
+            value = self.free_value(data, u, k)
+            joints = joints + data.free_joint[k] * (jnp.sqrt(jnp.maximum(value, 0.0)) if kind == SQUARE else value)
         return joints
 
     def pose(self, data: SectionData, u: Array) -> Array:
@@ -170,14 +171,9 @@ class Chart:
         Squares are compared with squares; a lower end at zero is no border for them, as no square is negative.
         """
         parts = []
-        for k, joint in enumerate(self.free):
-            low, high, unit = data.low[k], data.high[k], data.joint_unit[joint]
-            entry = next((e for e in self.explicit if e.joint == joint), None)
-            if entry is None:
-                value = u[self.n_pose + self.implicit.index(joint)] * unit
-            else:
-                value = self.explicit_value(data, u, entry)
-            if entry is not None and entry.degree == 2:
+        for k, kind in enumerate(self.kinds):
+            low, high, unit, value = data.low[k], data.high[k], data.free_unit[k], self.free_value(data, u, k)
+            if kind == SQUARE:
                 scale = unit * (unit + high)
                 below = jnp.where(low > 0, (value - low * low) / scale, 1.0)
                 parts += [below, (high * high - value) / scale]
@@ -190,39 +186,47 @@ class Chart:
         return null_vector(jax.jacfwd(partial(self.singular, data))(u))
 
 
-def chart_of(robot: Mechanism, free: tuple[int, int]) -> Chart:
+def picked(rows: Array, values: Array) -> Array:
+    """Returns rows @ values, written out so that it fuses."""
+    return sum((rows[:, j] * values[j] for j in range(rows.shape[1])), start=jnp.zeros(rows.shape[0]))
+
+
+def chart_of(robot: Mechanism, free: tuple[int, int]) -> tuple[Chart, dict[str, np.ndarray]]:
     """Finds which free joints the pose gives, from derivatives of the constraints at a few points.
 
     The constraints are polynomial in lengths, sines and cosines: a derivative that vanishes at points in general
     position vanishes everywhere.
+
+    Returns:
+        The chart, and the entries ``free_joint``, ``free_row`` and ``kept_row`` of its data.
     """
     n = len(robot.pose_axes)
     at_zero, first, second, mixed = (np.asarray(part) for part in _derivatives(robot))
     scale = np.max(np.abs(first), axis=(0, 2), keepdims=True) + 1e-300
     involved = np.any(np.abs(first) > 1e-13 * scale, axis=0)
-    explicit = []
-    for joint in free:
+    kinds, free_row = [UNKNOWN, UNKNOWN], np.zeros((2, n))
+    for k, joint in enumerate(free):
         rows = np.flatnonzero(involved[:, joint])
-        if len(rows) != 1:
+        if len(rows) != 1 or involved[rows[0], free[1 - k]]:
             continue
-        row, others = rows[0], [k for k in free if k != joint]
-        size = float(np.max(np.abs(first[:, row])))
-        bends, tilts = second[:, row, joint], mixed[:, row, joint]
-        if involved[row, others].any() or np.max(np.abs(tilts)) > 1e-13 * size:
+        row, size = rows[0], float(np.max(np.abs(first[:, rows[0]])))
+        if np.max(np.abs(mixed[:, row, joint])) > 1e-13 * size:
             continue
-        linear = np.max(np.abs(bends)) <= 1e-13 * size
-        square = np.ptp(bends) <= 1e-13 * size and np.max(np.abs(at_zero[:, row, joint])) <= 1e-13 * size
-        if linear or square:
-            explicit.append(Explicit(joint, int(row), 1 if linear else 2))
-    implicit = tuple(joint for joint in free if joint not in [entry.joint for entry in explicit])
-    rows = tuple(row for row in range(n) if row not in [entry.row for entry in explicit])
-    return _chart(n, free, tuple(explicit), implicit, rows)
+        bends = second[:, row, joint]
+        if np.max(np.abs(bends)) <= 1e-13 * size:
+            kinds[k] = LINEAR
+        elif np.ptp(bends) <= 1e-13 * size and np.max(np.abs(at_zero[:, row, joint])) <= 1e-13 * size:
+            kinds[k] = SQUARE
+        free_row[k, row] = 1.0 if kinds[k] != UNKNOWN else 0.0
+    kept = np.flatnonzero(np.sum(free_row, axis=0) == 0)
+    picks = {"free_joint": np.eye(n)[list(free)], "free_row": free_row, "kept_row": np.eye(n)[kept]}
+    return _chart(n, (kinds[0], kinds[1])), picks
 
 
 @cache
-def _chart(*structure: Any) -> Chart:
+def _chart(n_pose: int, kinds: tuple[int, int]) -> Chart:
     """One object a structure: kernels are compiled for its bound methods, which are equal only if the object is one."""
-    return Chart(*structure)
+    return Chart(n_pose, kinds)
 
 
 @jax.jit

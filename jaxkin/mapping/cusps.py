@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.mapping import search
 from jaxkin.mapping.assembly import Arc, short_way
@@ -228,13 +228,11 @@ def _along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int]:
     if not guesses:
         return np.zeros((0, section.chart.dimension)), 0
     pairs = np.array(guesses)
-    room = max(64, 1 << (len(pairs) - 1).bit_length())
-    padded = np.resize(pairs, (room, *pairs.shape[1:]))
-    u, residual, margin = (np.asarray(a)[: len(pairs)] for a in _refine(section.chart, section.data, padded))
+    middle = search.over_points(_bisect, section, pairs.reshape(len(pairs), -1))
+    u, good = _roots(section, middle)
     size = np.max(np.abs(pairs[:, 1] - pairs[:, 0]), axis=1)
     here = np.max(np.abs(short_way(u - pairs[:, 0], section.period)), axis=1) < 3 * size + 1e-6
-    good = (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK) & here
-    return search.glued(section, u[good]), changes
+    return search.glued(section, u[good & here]), changes
 
 
 def _smooth(section: Section, arc: Arc, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -292,51 +290,68 @@ def _all_midpoints(chart: Chart, data: SectionData, pairs: Array) -> Array:
 _midpoints = jax.jit(_all_midpoints, static_argnames="chart")
 
 
-def _refined(chart: Chart, data: SectionData, pairs: Array) -> tuple[Array, Array, Array]:
-    """Solves the cusp equations between two points of a curve: bisection along the chord, then Newton's method."""
+def _bisected(chart: Chart, data: SectionData, pairs: Array) -> Array:
+    """Halves the way between two points of a curve until the rate's change of sign is near; else returns the middle."""
 
-    def one(pair: Array) -> tuple[Array, Array, Array]:
-        a, b = pair
+    def one(pair: Array) -> Array:
+        a, b = pair[: chart.dimension], pair[chart.dimension :]
         across = (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2))
-        reference = chart.kernel(data, a)
 
-        def rate(s: Array) -> Array:
+        def rate(s: Array) -> tuple[Array, Array, Array]:
             u = _onto_curve(chart, data, a + s * (b - a), across)
-            return chart.fold_rate(data, u) * jnp.sign(jnp.dot(chart.kernel(data, u), reference))
+            return chart.fold_rate(data, u), chart.kernel(data, u), u
 
-        start = jnp.sign(chart.fold_rate(data, a))
+        def halve(k: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            low, high, start, reference, _ = carry
+            s = jnp.where(k == 0, 0.0, 0.5 * (low + high))
+            value, kernel, u = rate(s)
+            sign = jnp.sign(value) * jnp.where(k == 0, 1.0, jnp.sign(jnp.dot(kernel, reference)))
+            same = (k == 0) | (sign == start)
+            return (
+                jnp.where(same, s, low),
+                jnp.where(same, high, s),
+                jnp.where(k == 0, sign, start),
+                jnp.where(k == 0, kernel, reference),
+                u,
+            )
 
-        def halve(_: Array, ends: Array) -> Array:
-            middle = 0.5 * (ends[0] + ends[1])
-            same = jnp.sign(rate(middle)) == start
-            return jnp.where(same, jnp.stack([middle, ends[1]]), jnp.stack([ends[0], middle]))
-
+        zero = jnp.zeros(())
+        low, high, _, _, u = jax.lax.fori_loop(0, 14, halve, (zero, zero + 1, zero, jnp.zeros(chart.n_pose), a))
         # Without a change of sign the middle is the better guess.
-        ends = jax.lax.fori_loop(0, 12, halve, jnp.array([0.0, 1.0]))
-        s = jnp.where(ends[1] == 1.0, 0.5, 0.5 * (ends[0] + ends[1]))
-        system = partial(chart.cusp, data)
-        u = newton.polish(system, _onto_curve(chart, data, a + s * (b - a), across), steps=6, trust=0.1)
-        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
+        return jnp.where(high == 1.0, _onto_curve(chart, data, 0.5 * (a + b), across), u)
 
     return jax.vmap(one)(pairs)
 
 
-_refine = jax.jit(_refined, static_argnames="chart")
+_bisect = jax.jit(_bisected, static_argnames="chart")
 
 
-def _search_all(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+def _newton_all(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+    """Applies Newton's method to the cusp equations; returns points, residuals, smallest margins."""
+
     def one(u: Array) -> tuple[Array, Array, Array]:
-        def objective(u: Array) -> Array:
-            return jnp.concatenate([chart.cusp(data, u), jnp.minimum(chart.margins(data, u), 0.0)])
-
-        system = partial(chart.cusp, data)
-        u = newton.polish(system, newton.descend(objective, u, 30), steps=4)
-        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
+        u = newton.polish(partial(chart.cusp, data), u, steps=6, trust=0.1)
+        return u, jnp.max(jnp.abs(chart.cusp(data, u))), jnp.min(chart.margins(data, u))
 
     return jax.vmap(one)(points)
 
 
-_search = jax.jit(_search_all, static_argnames="chart")
+_newton = jax.jit(_newton_all, static_argnames="chart")
+
+
+def _roots(section: Section, guesses: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Returns where Newton's method arrives from guesses, and which of these are roots in the box."""
+    room = max(1024, 1 << (len(guesses) - 1).bit_length())
+    padded = np.resize(guesses, (room, guesses.shape[1]))
+    u, residual, margin = (np.asarray(a)[: len(guesses)] for a in _newton(section.chart, section.data, padded))
+    return u, (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK)
+
+
+def _descend_all(chart: Chart, data: SectionData, points: Array) -> Array:
+    return jax.vmap(lambda u: newton.descend(partial(chart.cusp, data), u, 30))(points)
+
+
+_descend = jax.jit(_descend_all, static_argnames="chart")
 
 
 def _from_starts(section: Section) -> np.ndarray:
@@ -347,8 +362,7 @@ def _from_starts(section: Section) -> np.ndarray:
     spread = search.starting_points(section, part=2)
     curves = search.seeds_on_curves(section, part=3)
     points = np.concatenate([spread, np.resize(curves, spread.shape) if len(curves) else spread])
-    u, residual, margin = (np.asarray(a) for a in _search(section.chart, section.data, points))
-    good = (residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK)
+    u, good = _roots(section, np.asarray(_descend(section.chart, section.data, points)))
     u = search.glued(section, u[good])
     return u[search.distinct(section, u)]
 
@@ -371,14 +385,10 @@ def _measured(chart: Chart, data: SectionData, points: Array) -> tuple[Array, ..
     """Measures roots of the cusp equations."""
 
     def one(u: Array) -> tuple[Array, ...]:
-        system = partial(chart.cusp, data)
-        shifts = jnp.asarray(newton.lattice(_RESTARTS, chart.dimension) - 0.5) * _MOVED
-        again = jax.vmap(lambda shift: newton.polish(system, u + shift, steps=4))(shifts)
-        spread = jax.vmap(lambda other: chart.joints(data, other))(again) - chart.joints(data, u)[None]
         rows = jnp.concatenate([jax.jacfwd(partial(chart.section, data))(u), jnp.zeros((0, chart.dimension))])
         slope = jax.jacfwd(partial(chart.determinant, data))(u)
         # The part of the gradient along the section, against the size of the determinant's terms.
-        if chart.rows:
+        if chart.n_rows:
             slope = slope - rows.T @ pivoted_solve(rows @ rows.T, rows @ slope)
         left, sigma, right = jnp.linalg.svd(chart.matrix(data, u))
         size = jnp.prod(jnp.sqrt(jnp.sum(chart.matrix(data, u) ** 2, axis=1)))
@@ -400,7 +410,6 @@ def _measured(chart: Chart, data: SectionData, points: Array) -> tuple[Array, ..
         response = right[:-1].T @ ((left[:, :-1].T @ bend) / sigma[:-1])
         third = w @ (cubic - 3 * second(v, response))
         return (
-            jnp.max(jnp.abs(spread)),
             jnp.sqrt(jnp.sum(slope**2)) / size,
             w @ bend,
             third,
@@ -418,7 +427,8 @@ def _facts(section: Section, points: np.ndarray) -> list[_Fact]:
         return []
     joints, poses, residual = evaluated(section, points)
     padded = np.resize(points, (max(64, 1 << (len(points) - 1).bit_length()), points.shape[1]))
-    spread, gradient, second, third, rank = (np.asarray(a) for a in _measure(section.chart, section.data, padded))
+    gradient, second, third, rank = (np.asarray(a) for a in _measure(section.chart, section.data, padded))
+    spread = _spread(section, points, joints)
     rounding = 4 * np.finfo(float).eps * np.max(np.abs(joints), axis=1)
     return [
         _Fact(
@@ -433,6 +443,14 @@ def _facts(section: Section, points: np.ndarray) -> list[_Fact]:
         )
         for k in range(len(points))
     ]
+
+
+def _spread(section: Section, points: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Returns how far apart in the joints Newton's method ends when it starts anew around each root, ``(k,)``."""
+    shifts = (newton.lattice(_RESTARTS, section.chart.dimension) - 0.5) * _MOVED
+    again = _roots(section, (points[:, None] + shifts[None]).reshape(-1, points.shape[1]))[0]
+    others = evaluated(section, again)[0].reshape(len(points), _RESTARTS, -1)
+    return np.max(np.abs(others - joints[:, None]), axis=(1, 2))
 
 
 def _kind(fact: _Fact, near_crossing: bool) -> str:
@@ -451,7 +469,7 @@ def _kind(fact: _Fact, near_crossing: bool) -> str:
 def _grouped(section: Section, facts: list[_Fact], others: list[Other], evidence: dict[str, Any]) -> Cusps:
     """Gathers cusp poses over one joint point, in ascending order of the joints."""
     robot = section.robot
-    unit = np.asarray(section.data.joint_unit)
+    unit = np.asarray(scale_vector(robot.joint_axes, robot.characteristic_length()))
     groups: list[list[_Fact]] = []
     for fact in sorted(facts, key=lambda f: tuple(np.round(f.joints / unit, 8))):
         home = next(

@@ -82,7 +82,7 @@ def _name(section: Section, end: End) -> str:
     """Says in words what a curve ends on."""
     if end.kind != "border":
         return end.kind
-    joint = section.chart.free[end.index // 2]
+    joint = section.grid.free[end.index // 2]
     bound = (section.data.low, section.data.high)[end.index % 2][end.index // 2]
     return f"{section.robot.joint_axes[joint].name} = {float(bound):g}"
 
@@ -99,7 +99,7 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     joints, poses, residual = np.split(values, [len(robot.joint_axes), len(robot.joint_axes) + chart.n_pose], axis=1)
     # On the border rounding may put a joint an ulp outside.
     low, high = np.asarray(section.data.low), np.asarray(section.data.high)
-    free = list(chart.free)
+    free = list(section.grid.free)
     joints[:, free] = np.where(
         np.abs(joints[:, free] - np.clip(joints[:, free], low, high)) < 1e-12 * (1 + np.abs(high)),
         np.clip(joints[:, free], low, high),

@@ -61,7 +61,7 @@ def _critical_points(chart: Chart, data: SectionData, points: Array) -> tuple[Ar
     def one(u: Array) -> tuple[Array, Array, Array]:
         slope = jax.grad(partial(chart.determinant, data))(u)
         rows = jax.jacfwd(partial(chart.section, data))(u)
-        multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.rows else jnp.zeros(0)
+        multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.n_rows else jnp.zeros(0)
         # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
         z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
         matrix = chart.matrix(data, z[: chart.dimension])
@@ -86,7 +86,7 @@ def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
 
     bend = jax.hessian(lagrangian)(u)
     rows = jax.jacfwd(partial(chart.section, data))(u)
-    basis = jnp.linalg.svd(rows, full_matrices=True)[2][-2:] if chart.rows else jnp.eye(m)
+    basis = jnp.linalg.svd(rows, full_matrices=True)[2][-2:] if chart.n_rows else jnp.eye(m)
     h = basis @ bend @ basis.T
     a, b, c = h[0, 0], h[0, 1], h[1, 1]
     # The zero directions of a quadratic form lie symmetric about its eigenvectors.

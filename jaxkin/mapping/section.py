@@ -96,11 +96,11 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
             "which names what is wrong."
         )
     low, high, middle = _ranges(who, robot, bound)
-    chart = chart_of(robot, (bound.free[0], bound.free[1]))
-    data = _numbers(robot, bound, low, high, middle)
-    _check_fixed(who, robot, bound, chart)
+    chart, picks = chart_of(robot, (bound.free[0], bound.free[1]))
+    data = _numbers(robot, bound, picks, low, high, middle)
+    _check_fixed(who, robot, bound)
     starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
-    period, region_low, region_high = _region(robot, chart, data)
+    period, region_low, region_high = _region(robot, bound, chart, data)
     points = region_low + (region_high - region_low) * lattice(PARTS * starts, chart.dimension)
     samples, missed = (np.asarray(a) for a in _onto_section(chart, data, jnp.asarray(points)))
     section = Section(robot, bound, chart, data, period, region_low, region_high, samples[missed <= 1e-9], starts)
@@ -138,15 +138,25 @@ def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> tuple[np.ndarray, n
     return np.array(lows), np.array(highs), np.array(middle)
 
 
-def _numbers(robot: Mechanism, bound: BoundGrid, low: np.ndarray, high: np.ndarray, middle: np.ndarray) -> SectionData:
+def _numbers(
+    robot: Mechanism,
+    bound: BoundGrid,
+    picks: dict[str, np.ndarray],
+    low: np.ndarray,
+    high: np.ndarray,
+    middle: np.ndarray,
+) -> SectionData:
     length = robot.characteristic_length()
-    joints = jnp.asarray(middle)
-    row_scale = robot.constraint_scales(jnp.zeros(len(robot.pose_axes)), joints)
+    row_scale = robot.constraint_scales(jnp.zeros(len(robot.pose_axes)), jnp.asarray(middle))
+    free = list(bound.free)
+    fixed = middle.copy()
+    fixed[free] = 0.0
     return SectionData(
         robot=robot,
-        fixed=joints,
+        fixed=jnp.asarray(fixed),
+        **{name: jnp.asarray(rows) for name, rows in picks.items()},
         pose_unit=scale_vector(robot.pose_axes, length),
-        joint_unit=scale_vector(robot.joint_axes, length),
+        free_unit=scale_vector(robot.joint_axes, length)[jnp.array(free)],
         row_scale=row_scale,
         matrix_scale=row_scale,
         low=jnp.asarray(low),
@@ -154,11 +164,11 @@ def _numbers(robot: Mechanism, bound: BoundGrid, low: np.ndarray, high: np.ndarr
     )
 
 
-def _check_fixed(who: str, robot: Mechanism, bound: BoundGrid, chart: Chart) -> None:
+def _check_fixed(who: str, robot: Mechanism, bound: BoundGrid) -> None:
     """Refuses a joint fixed at a zero length: the section then has no smooth points to start from."""
     length = float(robot.characteristic_length())
-    for k, (axis, value) in enumerate(zip(bound.axes, bound.values, strict=True)):
-        if isinstance(value, Span) or axis.is_angle or k in chart.free:
+    for axis, value in zip(bound.axes, bound.values, strict=True):
+        if isinstance(value, Span) or axis.is_angle:
             continue
         if axis.low == 0.0 and abs(value) <= 1e-6 * length:
             raise InputError(
@@ -167,14 +177,15 @@ def _check_fixed(who: str, robot: Mechanism, bound: BoundGrid, chart: Chart) -> 
             )
 
 
-def _region(robot: Mechanism, chart: Chart, data: SectionData) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _region(
+    robot: Mechanism, bound: BoundGrid, chart: Chart, data: SectionData
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns period, low and high of the unknowns, dimensionless."""
     length = float(robot.characteristic_length())
     known = [
-        float(abs(value))
-        for k, axis in enumerate(robot.joint_axes)
+        abs(value.high if isinstance(value, Span) else value)
+        for axis, value in zip(bound.axes, bound.values, strict=True)
         if not axis.is_angle
-        for value in ([data.fixed[k]] if k not in chart.free else [data.high[chart.free.index(k)]])
     ]
     # No pose lies farther out than the legs and the size of the mechanism together.
     reach = 2 * (1 + max(known, default=0.0) / length)
@@ -183,8 +194,8 @@ def _region(robot: Mechanism, chart: Chart, data: SectionData) -> tuple[np.ndarr
         low.append(max(axis.low / unit, -reach))
         high.append(min(axis.high / unit, reach))
         period.append(np.inf if axis.period is None else axis.period / unit)
-    for joint in chart.implicit:
-        axis, unit, k = robot.joint_axes[joint], float(data.joint_unit[joint]), chart.free.index(joint)
+    for k in chart.unknown:
+        axis, unit = robot.joint_axes[bound.free[k]], float(data.free_unit[k])
         low.append(float(data.low[k]) / unit)
         high.append(float(data.high[k]) / unit)
         period.append(np.inf if axis.period is None else axis.period / unit)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxkin.core.branches import stack_lanes
 from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
@@ -22,11 +23,14 @@ from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import inverse_lanes
 from jaxkin.mapping import _isosurface
 from jaxkin.numerics import bracket
+from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
 
 _WHO = "jk.singular_surfaces"
 #: Poses that one compiled call takes; shorter calls are padded, so that nothing is compiled twice.
 _BLOCK = 1 << 13
+#: Nodes whose poses are listed at a time, so that they take less memory than the values.
+_SLAB = 1 << 19
 #: Inner nodes are moved by this irrational share of a step: no node lies in a plane of symmetry, where factors vanish.
 _SHIFT = (math.sqrt(5) - 2) / 2
 #: Newton steps from a mesh edge to a crossing; they start within a cell of it.
@@ -64,8 +68,9 @@ class Surface:
         from scipy.sparse import coo_matrix
         from scipy.sparse.csgraph import connected_components
 
-        links = np.concatenate([_isosurface.all_edges(self.faces), self.seam])
-        size = len(self.vertices)
+        links, size = np.concatenate([_isosurface.all_edges(self.faces), self.seam]), len(self.vertices)
+        if not size:
+            return 0
         graph = coo_matrix((np.ones(len(links), bool), (links[:, 0], links[:, 1])), shape=(size, size))
         return int(connected_components(graph, directed=False, return_labels=False))
 
@@ -92,7 +97,8 @@ class SingularSurfaces(Sequence[Surface]):
     """All singular surfaces in a box of the workspace.
 
     Attributes:
-        surfaces: One per factor, or per working mode; those that do not meet the box are left out.
+        surfaces: One per factor, or per working mode; those that do not meet the box are left out, those of which no
+            vertex converged are empty.
         crossings: Where two factors vanish together.
         request: What determines the numbers: mechanism, geometry, box.
         pose_names: Names of the pose axes.
@@ -169,9 +175,9 @@ def _plain(record: Any) -> dict[str, Any]:
 def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
     """Finds the surfaces of the workspace on which the mechanism is singular (type 2, det dF/dpose = 0).
 
-    A mechanism that declares factors of the determinant (a method ``factors(pose)``) has one surface per factor,
-    whatever its joint limits. Any other has one per working mode, along its inverse kinematics; where a working mode
-    does not exist, or violates the joint limits, the surface has a hole.
+    A mechanism that declares factors of the determinant (a method ``factors(pose) -> dict``) has one surface per
+    factor, whatever its joint limits. Any other has one per working mode, along its closed inverse kinematics; where a
+    working mode does not exist, or violates the joint limits, the surface has a hole.
 
     Marching cubes finds the triangles, and every vertex is then moved along the grid edge on which the sign changes,
     until it satisfies the equation to the last digits. The box only seeds: pieces smaller than its cells may be
@@ -192,24 +198,25 @@ def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
 
     Raises:
         PrecisionError: float64 is not enabled.
-        InputError: Not one concrete mechanism, or the box has other axes, or not three free ones.
-        GeometryError: The geometry is degenerate, or every pose is singular.
+        InputError: Not one concrete mechanism, or one without factors and without closed inverse kinematics; the
+            box has other axes, or not three free ones.
+        GeometryError: The geometry is degenerate, or every pose is singular (in a working mode).
 
     References:
         Wenger and Chablat 2009, Fig. 2. Gosselin, C. and Angeles, J., 1990 (type 2 singularities).
     """
     lattice = _Lattice.over(_checked_box(robot, box))
-    values = _in_blocks(partial(_values, robot), lattice.poses(np.indices(lattice.shape).reshape(3, -1).T))
+    values = _sampled(robot, lattice)
     names = _names(robot, len(values))
     _refuse_zero(robot, lattice)
     found, scouts = [], []
     for number, name in enumerate(names):
         field = values[number].reshape(lattice.shape)
+        _isosurface.quieten(field)
         glued = tuple(joined and _isosurface.glue(field, k) for k, joined in enumerate(lattice.glued))
         mesh = _isosurface.extract(field, glued)
-        surface = None if mesh is None else _polished(robot, lattice, number, name, mesh, field)
-        if surface is not None:
-            found.append(surface)
+        if mesh is not None:
+            found.append(_polished(robot, lattice, number, name, mesh, field))
             scouts.append(number)
     axes = robot.pose_axes
     return SingularSurfaces(
@@ -241,6 +248,11 @@ def _checked_box(robot: Mechanism, box: Grid) -> BoundGrid:
         raise InputError(
             f"The box has {len(bound.free)} free axes ({names}): a surface needs exactly three free axes; give the "
             "others as numbers, or draw a map with jk.sweep(robot, 'direct_determinant', grid)."
+        )
+    if robot.inverse_kernel is None and not _factored(robot):
+        raise InputError(
+            f"{type(robot).__name__} has neither factors nor closed inverse kinematics, and a numerical search does "
+            "not keep its working modes apart: give the class a method inverse_kernel(pose), or factors(pose)."
         )
     if not bool(robot.geometry_ok()):
         raise GeometryError(f"The geometry of {robot} is degenerate: build it with its constructor, which says why.")
@@ -309,6 +321,15 @@ def _in_blocks(function: Callable[..., Array], *columns: np.ndarray) -> np.ndarr
     return np.concatenate(parts, axis=-1)
 
 
+def _sampled(robot: Mechanism, lattice: "_Lattice") -> np.ndarray:
+    """Returns the values of every surface's function at every node, ``(n_surface, n)``."""
+    size, parts = math.prod(lattice.shape), []
+    for start in range(0, size, _SLAB):
+        index = np.unravel_index(np.arange(start, min(start + _SLAB, size)), lattice.shape)
+        parts.append(_in_blocks(partial(_values, robot), lattice.poses(np.stack(index, axis=1))))
+    return np.concatenate(parts, axis=1)
+
+
 def _factor_values(robot: Mechanism, pose: Array) -> Array:
     factors: dict[str, Array] = robot.factors(pose)  # type: ignore[attr-defined]
     return jnp.stack(list(factors.values()))
@@ -326,20 +347,16 @@ def _determinants(robot: Mechanism, poses: Array) -> _Determinant:
 
     def one(pose: Array, joints: Array, here: Array) -> _Determinant:
         direct = raw_jacobians(robot, pose, joints).direct * unit
-        value = jnp.linalg.det(direct)
+        value = expanded_determinant(direct)
         scale = jnp.prod(robot.constraint_scales(pose, joints))
         lengths = jnp.prod(jnp.linalg.norm(direct, axis=1))
         volume = jnp.where(lengths > 0, value / jnp.where(lengths > 0, lengths, 1.0), 0.0)
         return _Determinant(*(jnp.where(here, x, jnp.nan) for x in (value, jnp.abs(value) / scale, jnp.abs(volume))))
 
     lanes = inverse_lanes(robot, tuple(poses[:, k] for k in range(poses.shape[1])))
-    modes = [
-        jax.vmap(one)(
-            poses, jnp.stack([jnp.broadcast_to(v, len(poses)) for v in lane.values], 1), lane.multiplicity > 0
-        )
-        for lane in lanes
-    ]
-    return _Determinant(*(jnp.stack(measure) for measure in zip(*modes, strict=True)))
+    branches = stack_lanes(lanes)
+    per_mode = jax.vmap(one, in_axes=(None, 0, 0))
+    return jax.vmap(per_mode, out_axes=1)(poses, branches.values, branches.valid)
 
 
 def _value_rows(robot: Mechanism, poses: Array) -> Array:
@@ -360,24 +377,32 @@ def _volumes(robot: Mechanism, poses: Array) -> Array:
 
 
 def _refuse_zero(robot: Mechanism, lattice: _Lattice) -> None:
-    """Raises where every pose is singular: two equations are dependent."""
+    """Raises where every pose is singular in a working mode: two equations are dependent."""
     size = math.prod(lattice.shape)
     # A step that shares no divisor with the grid, or the probes might all lie in one plane.
     step = max(1, size // _PROBES) | 1
     index = np.stack(np.unravel_index(np.arange(0, size, step), lattice.shape), axis=1)
     volumes = _in_blocks(partial(_volumes, robot), lattice.poses(index))
-    if np.isfinite(volumes).any() and np.nanmax(volumes) <= TOLERANCES.geometry:
+    largest = np.max(np.nan_to_num(volumes, nan=-1.0), axis=1)
+    zero = np.flatnonzero((largest >= 0) & (largest <= TOLERANCES.geometry))
+    if zero.size:
+        mode = "" if len(volumes) == 1 else f", working mode {', '.join(map(str, zero))},"
         raise GeometryError(
-            f"det dF/dpose of {robot} vanishes at all {len(index)} poses that were looked at: two equations depend on "
-            "each other, or a pose coordinate has no effect; change the geometry or the constraints."
+            f"det dF/dpose of {robot}{mode} vanishes at all {len(index)} poses that were looked at: two equations "
+            "depend on each other, or a pose coordinate has no effect; change the geometry or the constraints."
         )
 
 
 @jax.jit
 def _edge_zeros(robot: Mechanism, number: Array, start: Array, end: Array, sign: Array) -> Array:
-    """Returns the poses ``(n_pose, n)`` at which the surface meets the segments from start to end, both ``(n, n_pose)``.
+    """Returns the poses ``(n_pose, n)`` at which the surface meets the segments from start to end.
 
-    ``sign`` is that of the value at the start; a value lost in rounding may show another one.
+    Args:
+        robot: The mechanism.
+        number: ``(n,)`` which surface.
+        start: ``(n, n_pose)``.
+        end: ``(n, n_pose)``.
+        sign: ``(n,)`` sign of the value at the start; a value lost in rounding may show another one.
     """
     rows = jnp.arange(len(start))
 
@@ -413,7 +438,7 @@ def _residuals(robot: Mechanism, poses: Array) -> Array:
 
 def _polished(
     robot: Mechanism, lattice: _Lattice, number: int, name: str, mesh: _isosurface.Mesh, values: np.ndarray
-) -> Surface | None:
+) -> Surface:
     """Moves every vertex onto the surface, copies glued ones, and drops those that do not converge."""
     low, high = _segments(robot, lattice, number, mesh, values)
     which = np.full(len(low.poses), number)
@@ -426,8 +451,6 @@ def _polished(
     good = residual <= TOLERANCES.residual
     faces = mesh.faces[good[mesh.faces].all(axis=1)]
     kept = np.unique(faces)
-    if not kept.size:
-        return None
     renumbered = np.full(len(vertices), -1)
     renumbered[kept] = np.arange(len(kept))
     seam = renumbered[np.concatenate(mesh.seams)]
@@ -435,7 +458,7 @@ def _polished(
         name=name,
         vertices=vertices[kept],
         faces=renumbered[faces],
-        residual=float(residual[kept].max()),
+        residual=float(residual[kept].max(initial=0.0)),
         seam=seam[(seam >= 0).all(axis=1)],
         boundary=_isosurface.single_edges(renumbered[faces]),
         unpolished=int(np.sum(~good)),
@@ -472,6 +495,8 @@ def _crossings(
     """Finds, on each surface, the curves in which a later factor vanishes as well."""
     found = []
     for i, (first, a) in enumerate(zip(surfaces, numbers, strict=True)):
+        if not len(first.vertices):
+            continue
         values = _in_blocks(partial(_values, robot), first.vertices)
         for second, b in zip(surfaces[i + 1 :], numbers[i + 1 :], strict=True):
             crossing = _crossing(robot, lattice, first, second.name, (a, b), values[b])
@@ -518,7 +543,7 @@ def _crossing(
 
 @jax.jit
 def _crossing_newton(robot: Mechanism, start: Array, free: Array, pairs: Array) -> Array:
-    """Returns the poses ``(n_pose, n)`` near the starts at which two factors vanish, moving in free coordinates only."""
+    """Returns the poses ``(n_pose, n)`` near the starts at which two factors vanish; only free coordinates change."""
     unit = scale_vector(robot.pose_axes, robot.characteristic_length())
 
     def one(pose: Array, free: Array, pair: Array) -> Array:
@@ -527,7 +552,7 @@ def _crossing_newton(robot: Mechanism, start: Array, free: Array, pairs: Array) 
             slopes = jax.jacfwd(function)(pose)[pair] * unit * free
             slopes, value = _unit_rows(slopes, function(pose)[pair])
             # The shortest step that makes both vanish to first order.
-            return pose - unit * (slopes.T @ jnp.linalg.solve(slopes @ slopes.T, value))
+            return pose - unit * (slopes.T @ pivoted_solve(slopes @ slopes.T, value))
 
         return jax.lax.fori_loop(0, _CROSSING_STEPS, step, pose)
 

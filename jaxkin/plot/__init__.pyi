@@ -1,2 +1,3 @@
 from .maps import section as section
 from .modes import mechanism as mechanism
+from .surfaces import surfaces as surfaces
