@@ -23,6 +23,14 @@ from .kinematics.singularity import Conditioning as Conditioning
 from .kinematics.singularity import conditioning as conditioning
 from .kinematics.solve import forward as forward
 from .kinematics.solve import inverse as inverse
+from .mapping.cusps import Cusps as Cusps
+from .mapping.cusps import cusps as cusps
+from .mapping.fold import Fold as Fold
+from .mapping.fold import fold as fold
+from .mapping.loci import singular_curves as singular_curves
+from .mapping.records import Crossings as Crossings
+from .mapping.records import Curve as Curve
+from .mapping.records import SingularCurves as SingularCurves
 from .mapping.surfaces import SingularSurfaces as SingularSurfaces
 from .mapping.surfaces import Surface as Surface
 from .mapping.surfaces import singular_surfaces as singular_surfaces

@@ -240,7 +240,10 @@ def distance_to_arcs(
     """
     if not arcs or len(points) == 0:
         return np.full(len(points), np.inf), np.ones(len(points))
-    a, b, ta, tb = (np.concatenate(part) for part in zip(*(_segments(arc, t, period) for arc, t in zip(arcs, tangents, strict=True)), strict=True))
+    a, b, ta, tb = (
+        np.concatenate(part)
+        for part in zip(*(_segments(arc, t, period) for arc, t in zip(arcs, tangents, strict=True)), strict=True)
+    )
     turn = np.where(np.isfinite(period), period, 0.0)
     shift = np.where(turn > 0, period, 1.0)
 
@@ -287,4 +290,3 @@ def _segments(arc: Arc, tangents: np.ndarray, period: np.ndarray) -> tuple[np.nd
         return np.where(np.abs(along) > 0.5, t * np.sign(along), chord)
 
     return a, b, oriented(slopes[:-1]), oriented(slopes[1:])
-

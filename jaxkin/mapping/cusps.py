@@ -180,7 +180,9 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
         **traced.evidence,
     }
     others = [
-        Other(kind, f.joints, f.pose) for kind, f in zip(kinds, facts, strict=True) if kind not in ("cusp", "crossing", "")
+        Other(kind, f.joints, f.pose)
+        for kind, f in zip(kinds, facts, strict=True)
+        if kind not in ("cusp", "crossing", "")
     ]
     joints, poses, _ = evaluated(section, traced.crossings)
     others += [Other("crossing", q, x) for q, x in zip(joints, poses, strict=True)]

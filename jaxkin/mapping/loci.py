@@ -82,15 +82,21 @@ def _name(section: Section, end: End) -> str:
     """Says in words what a curve ends on."""
     if end.kind != "border":
         return end.kind
-    joint = section.grid.free[end.index // 2]
-    bound = (section.data.low, section.data.high)[end.index % 2][end.index // 2]
+    return border_name(section, end.index)
+
+
+def border_name(section: Section, edge: int) -> str:
+    """Names a border of the section, for instance ``rho3 = 4``."""
+    joint = section.grid.free[edge // 2]
+    bound = (section.data.low, section.data.high)[edge % 2][edge // 2]
     return f"{section.robot.joint_axes[joint].name} = {float(bound):g}"
 
 
 def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Returns joints, poses with angles in one turn, and dimensionless residuals of points of the chart.
 
-    The residual is the largest of |F_i| over the magnitude of its terms and |det A| over Hadamard's bound.
+    The residual is the largest of |F_i| over the magnitude of its terms and |det A| over Hadamard's bound, the product
+    of the lengths of its rows.
     """
     chart, robot = section.chart, section.robot
     if len(points) == 0:
@@ -112,7 +118,8 @@ def _evaluate_all(chart: Chart, data: SectionData, points: Array) -> Array:
     def one(u: Array) -> Array:
         joints, pose = chart.joints(data, u), chart.pose(data, u)
         matrix = chart.matrix(data, u)
-        size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+        # A leg of zero length has a row of zeros: rows are of order one elsewhere, and count as 0.01 at least.
+        size = jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
         closing = jnp.abs(data.robot.constraints(pose, joints)) / data.robot.constraint_scales(pose, joints)
         singular = jnp.abs(chart.determinant(data, u)) / size
         return jnp.concatenate([joints, pose, jnp.maximum(jnp.max(closing), singular)[None]])

@@ -195,5 +195,3 @@ def border_points(section: Section, guesses: np.ndarray, edges: np.ndarray) -> t
     u, residual, margin = (np.asarray(a) for a in _edge_jit(section.chart, section.data, padded, which))
     good = (residual <= TOLERANCES.residual) & (margin >= -EDGE_SLACK)
     return u[: len(guesses)], good[: len(guesses)]
-
-

@@ -100,9 +100,7 @@ def _network(
     chart, data = section.chart, section.data
 
     def trace(starts: list[tuple[int, int]]) -> list[continuation.Piece]:
-        return continuation.trace(
-            chart.singular, chart.margins, data, seeds, section.period, starts, longest=longest
-        )
+        return continuation.trace(chart.singular, chart.margins, data, seeds, section.period, starts, longest=longest)
 
     inward = {seed for seed, (_, _, out) in halves.items() if not out}
     forward = {piece.source: piece for piece in trace([(k, 1) for k in range(len(seeds)) if k not in inward])}
@@ -165,9 +163,7 @@ def _borders(section: Section, left: list[continuation.Piece]) -> dict[tuple[int
     points, good = search.border_points(section, guesses, edges)
     near = np.max(np.abs(points - guesses), axis=1) < continuation.LONGEST_STEP
     return {
-        (piece.source, piece.sign): (points[k], int(edges[k]))
-        for k, piece in enumerate(left)
-        if good[k] and near[k]
+        (piece.source, piece.sign): (points[k], int(edges[k])) for k, piece in enumerate(left) if good[k] and near[k]
     }
 
 

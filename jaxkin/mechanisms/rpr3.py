@@ -167,6 +167,10 @@ class AnalyticRPR3(_PlanarRPR3):
         """Returns all singular curves of the section rho[axis] = value; see ``rpr3_closed_forms.section_curves``."""
         return rpr3_closed_forms.section_curves(self, axis, value)
 
+    def closed_forms(self, joints: Array) -> dict[str, Array]:
+        """Returns the polynomials of the joint space by label, S and Q1 to Q4; see ``rpr3_closed_forms``."""
+        return {"S": rpr3_closed_forms.quartic(self, joints), **rpr3_closed_forms.conics(self, joints)}
+
 
 @mechanism
 class GeneralRPR3(_PlanarRPR3):
