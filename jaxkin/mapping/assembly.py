@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from jaxkin.numerics.continuation import LEFT, REACHED, STUCK, Piece
+from jaxkin.numerics.gluing import short_way
 
 
 class End(NamedTuple):
@@ -14,12 +15,12 @@ class End(NamedTuple):
 
     Attributes:
         kind: "border", "crossing", "lost" (the tracer got stuck) or "" for a closed arc.
-        index: Number of the border or of the crossing.
+        number: Number of the border or of the crossing.
         half: Which of the four half-branches of the crossing: 2 * direction + side.
     """
 
     kind: str
-    index: int = -1
+    number: int = -1
     half: int = -1
 
 
@@ -183,7 +184,7 @@ def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
     for k, arc in enumerate(arcs):
         for end, is_end in ((arc.start, False), (arc.end, True)):
             if end.kind == "crossing":
-                at[end.index, end.half] = (k, is_end)
+                at[end.number, end.half] = (k, is_end)
     strands, used = [], set()
 
     def walk(k: int, backwards: bool) -> tuple[list[np.ndarray], End, End, bool]:
@@ -194,7 +195,7 @@ def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
             used.add(k)
             parts.append(arcs[k].points[::-1] if backwards else arcs[k].points)
             end = arcs[k].start if backwards else arcs[k].end
-            following = at.get((end.index, end.half ^ 1)) if end.kind == "crossing" else None
+            following = at.get((end.number, end.half ^ 1)) if end.kind == "crossing" else None
             if following is None:
                 return parts, start, end, False
             k, backwards = following
@@ -204,7 +205,7 @@ def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
                 return parts, start, end, False
 
     def dead(end: End) -> bool:
-        return end.kind != "crossing" or (end.index, end.half ^ 1) not in at
+        return end.kind != "crossing" or (end.number, end.half ^ 1) not in at
 
     for k, arc in enumerate(arcs):
         if arc.closed:
@@ -222,12 +223,6 @@ def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
 
 def _length(points: np.ndarray) -> float:
     return float(np.sum(np.sqrt(np.sum(np.diff(points, axis=0) ** 2, axis=1))))
-
-
-def short_way(difference: np.ndarray, period: np.ndarray) -> np.ndarray:
-    """Returns differences the short way round the glued axes (period inf: not glued)."""
-    turn = np.where(np.isfinite(period), period, 1.0)
-    return np.where(np.isfinite(period), difference - turn * np.round(difference / turn), difference)
 
 
 def distance_to_arcs(

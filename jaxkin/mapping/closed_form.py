@@ -10,10 +10,10 @@ from jax import Array
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
-from jaxkin.mapping.assembly import short_way
 from jaxkin.mapping.loci import border_name, evaluated
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section
+from jaxkin.numerics.gluing import short_way
 from jaxkin.sweep.grid import Span
 
 

@@ -11,6 +11,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
 from jaxkin.mapping.assembly import End, Strand, strands_of
+from jaxkin.mapping.batch import over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section, bind_section
@@ -82,7 +83,7 @@ def _name(section: Section, end: End) -> str:
     """Says in words what a curve ends on."""
     if end.kind != "border":
         return end.kind
-    return border_name(section, end.index)
+    return border_name(section, end.number)
 
 
 def border_name(section: Section, edge: int) -> str:
@@ -101,7 +102,7 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     chart, robot = section.chart, section.robot
     if len(points) == 0:
         return np.zeros((0, len(robot.joint_axes))), np.zeros((0, chart.n_pose)), np.zeros(0)
-    values = np.array(search.over_points(_evaluate, section, search.glued(section, points)))
+    values = over_points(_evaluate, chart, section.data, search.glued(section, points))
     joints, poses, residual = np.split(values, [len(robot.joint_axes), len(robot.joint_axes) + chart.n_pose], axis=1)
     # On the border rounding may put a joint an ulp outside.
     low, high = np.asarray(section.data.low), np.asarray(section.data.high)
@@ -114,20 +115,14 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     return joints, poses, residual[:, 0]
 
 
-def _evaluate_all(chart: Chart, data: SectionData, points: Array) -> Array:
-    def one(u: Array) -> Array:
-        joints, pose = chart.joints(data, u), chart.pose(data, u)
-        matrix = chart.matrix(data, u)
-        # A leg of zero length has a row of zeros: rows are of order one elsewhere, and count as 0.01 at least.
-        size = jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
-        closing = jnp.abs(data.robot.constraints(pose, joints)) / data.robot.constraint_scales(pose, joints)
-        singular = jnp.abs(chart.determinant(data, u)) / size
-        return jnp.concatenate([joints, pose, jnp.maximum(jnp.max(closing), singular)[None]])
-
-    return jax.vmap(one)(points)
-
-
-_evaluate = jax.jit(_evaluate_all, static_argnames="chart")
+def _evaluate(chart: Chart, data: SectionData, u: Array) -> Array:
+    joints, pose = chart.joints(data, u), chart.pose(data, u)
+    matrix = chart.matrix(data, u)
+    # A leg of zero length has a row of zeros: rows are of order one elsewhere, and count as 0.01 at least.
+    size = jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
+    closing = jnp.abs(data.robot.constraints(pose, joints)) / data.robot.constraint_scales(pose, joints)
+    singular = jnp.abs(chart.determinant(data, u)) / size
+    return jnp.concatenate([joints, pose, jnp.maximum(jnp.max(closing), singular)[None]])
 
 
 def _factor(section: Section, poses: np.ndarray) -> str:

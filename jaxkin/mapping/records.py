@@ -163,3 +163,99 @@ class SingularCurves(Sequence[Curve]):
             "evidence": self.evidence,
         }
         return json.dumps(content, indent=2)
+
+
+@dataclass(frozen=True)
+class Other:
+    """A point at which the cusp equations hold, and that is no cusp.
+
+    Attributes:
+        kind: ``"crossing"`` (the gradient of det A vanishes), ``"isolated point"`` (the same, and the singular set is
+            this point alone), ``"swallowtail or higher"`` (the third coefficient vanishes as well), or ``"double
+            kernel"`` (A loses two ranks).
+        joints: ``(n_joint,)``.
+        pose: ``(n_pose,)``.
+    """
+
+    kind: str
+    joints: np.ndarray
+    pose: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cusps:
+    """All cusps of a section: joint points at which three assembly modes meet in one pose.
+
+    Attributes:
+        joints: ``(n, n_joint)``, one row a distinct joint point.
+        poses: n arrays ``(k_i, n_pose)``: the triple poses over each (two for the analytic 3-RPR).
+        residual: ``(n,)`` largest dimensionless residual of the constraints, det A and the second coefficient.
+        error: ``(n,)`` estimated error of the joint values, in their unit: how far Newton's method, started
+            nearby again, ends apart.
+        third: ``(n,)`` smallest third coefficient w (F_xxx v v v - 3 F_xx v A+ F_xx v v) over the poses,
+            dimensionless (rows of A of order one): not zero where no more than three solutions meet.
+        others: What satisfies the cusp equations and is none, by name.
+        request: What determines the numbers.
+        pose_names: Names of the pose axes.
+        joint_names: Names of the joint axes.
+        units: Unit of every axis.
+        evidence: What speaks for completeness, by name.
+    """
+
+    joints: np.ndarray
+    poses: tuple[np.ndarray, ...]
+    residual: np.ndarray
+    error: np.ndarray
+    third: np.ndarray
+    others: tuple[Other, ...]
+    request: dict[str, Any]
+    pose_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: dict[str, str]
+    evidence: dict[str, Any] = field(default_factory=dict)
+
+    def __len__(self) -> int:
+        """Number of distinct joint points."""
+        return len(self.joints)
+
+    def __str__(self) -> str:
+        """A summary of a few lines."""
+        lines = [f"{len(self)} cusps, {sum(map(len, self.poses))} triple poses"]
+        for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True)):
+            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, joints, strict=True))
+            lines.append(
+                f"  [{k}] {at}  (error {self.error[k]:.0e}, residual {self.residual[k]:.0e}, "
+                f"third coefficient {self.third[k]:.2g})"
+            )
+            for pose in poses:
+                there = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.pose_names, pose, strict=True))
+                lines.append(f"      {there}")
+        for other in self.others:
+            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, other.joints, strict=True))
+            lines.append(f"  no cusp, {other.kind}: {at}")
+        lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
+        return "\n".join(lines)
+
+    def to_json(self) -> str:
+        """Returns everything as JSON text."""
+        found = [
+            {
+                "joints": joints.tolist(),
+                "poses": poses.tolist(),
+                "residual": float(self.residual[k]),
+                "error": float(self.error[k]),
+                "third_coefficient": float(self.third[k]),
+            }
+            for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True))
+        ]
+        others = [{"kind": o.kind, "joints": o.joints.tolist(), "pose": o.pose.tolist()} for o in self.others]
+        content = {
+            "request": self.request,
+            "joint_axes": list(self.joint_names),
+            "pose_axes": list(self.pose_names),
+            "units": self.units,
+            "cusps": found,
+            "others": others,
+            "evidence": self.evidence,
+        }
+        return json.dumps(content, indent=2)

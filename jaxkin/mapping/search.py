@@ -4,7 +4,6 @@ Everything here is a batch of small Newton problems in the unknowns of ``chart``
 so that the callers hold the findings against each other.
 """
 
-from collections.abc import Callable
 from functools import partial
 
 import jax
@@ -13,9 +12,10 @@ import numpy as np
 from jax import Array
 
 from jaxkin.core.precision import TOLERANCES
-from jaxkin.mapping.assembly import short_way
+from jaxkin.mapping.batch import BLOCK, over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.section import PARTS, Section
+from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.newton import descend, polish
 from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
 
@@ -29,55 +29,41 @@ def _violations(chart: Chart, data: SectionData, u: Array) -> Array:
     return jnp.minimum(chart.margins(data, u), 0.0)
 
 
-def _project(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+def _project(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array, Array]:
     """Moves points onto the singular curves inside the box; returns them, their residuals and their margins."""
 
     def objective(u: Array) -> Array:
         return jnp.concatenate([chart.singular(data, u), _violations(chart, data, u)])
 
-    def one(u: Array) -> tuple[Array, Array, Array]:
-        u = polish(partial(chart.singular, data), descend(objective, u, 24))
-        return u, jnp.max(jnp.abs(chart.singular(data, u))), jnp.min(chart.margins(data, u))
-
-    return jax.vmap(one)(points)
+    u = polish(partial(chart.singular, data), descend(objective, u, 24))
+    return u, jnp.max(jnp.abs(chart.singular(data, u))), jnp.min(chart.margins(data, u))
 
 
-def _edge_points(chart: Chart, data: SectionData, points: Array, edge: Array) -> tuple[Array, Array, Array]:
+def _edge_points(chart: Chart, data: SectionData, u: Array, edge: Array) -> tuple[Array, Array, Array]:
     """Moves points onto one border each; returns them, residuals and the smallest margin."""
 
-    def one(u: Array, edge: Array) -> tuple[Array, Array, Array]:
-        def system(u: Array) -> Array:
-            return jnp.append(chart.singular(data, u), chart.margins(data, u)[edge])
+    def system(u: Array) -> Array:
+        return jnp.append(chart.singular(data, u), chart.margins(data, u)[edge])
 
-        u = polish(system, descend(system, u, 24))
-        return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
-
-    return jax.vmap(one)(points, edge)
+    u = polish(system, descend(system, u, 24))
+    return u, jnp.max(jnp.abs(system(u))), jnp.min(chart.margins(data, u))
 
 
-def _critical_points(chart: Chart, data: SectionData, points: Array) -> tuple[Array, Array, Array]:
+def _critical_points(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array, Array]:
     """Seeks critical points of det A on the section; returns them with multipliers, |det| over its size, residual."""
-
-    def one(u: Array) -> tuple[Array, Array, Array]:
-        slope = jax.grad(partial(chart.determinant, data))(u)
-        rows = jax.jacfwd(partial(chart.section, data))(u)
-        multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.n_rows else jnp.zeros(0)
-        # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
-        z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
-        matrix = chart.matrix(data, z[: chart.dimension])
-        size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
-        relative = jnp.abs(expanded_determinant(matrix)) / size
-        return z, relative, jnp.max(jnp.abs(chart.critical(data, z)))
-
-    return jax.vmap(one)(points)
-
-
-def _branch_directions(chart: Chart, data: SectionData, points: Array) -> Array:
-    """Returns the two unit directions in which det A vanishes to second order at critical points; NaN if complex."""
-    return jax.vmap(lambda z: _branches(chart, data, z))(points)
+    slope = jax.grad(partial(chart.determinant, data))(u)
+    rows = jax.jacfwd(partial(chart.section, data))(u)
+    multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.n_rows else jnp.zeros(0)
+    # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
+    z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
+    matrix = chart.matrix(data, z[: chart.dimension])
+    size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
+    relative = jnp.abs(expanded_determinant(matrix)) / size
+    return z, relative, jnp.max(jnp.abs(chart.critical(data, z)))
 
 
 def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
+    """Returns the two unit directions in which det A vanishes to second order at a critical point; NaN if complex."""
     m = chart.dimension
     u, multipliers = z[:m], z[m:]
 
@@ -96,12 +82,6 @@ def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
     return jnp.cos(angles)[:, None] * basis[0] + jnp.sin(angles)[:, None] * basis[1]
 
 
-_project_jit = jax.jit(_project, static_argnames="chart")
-_edge_jit = jax.jit(_edge_points, static_argnames="chart")
-_branches_jit = jax.jit(_branch_directions, static_argnames="chart")
-_critical_jit = jax.jit(_critical_points, static_argnames="chart")
-
-
 def starting_points(section: Section, part: int) -> np.ndarray:
     """Returns one part of the samples of the section, ``(starts, m)``: no two parts share a start."""
     some = section.samples[part % len(section.samples) :: PARTS]
@@ -110,8 +90,7 @@ def starting_points(section: Section, part: int) -> np.ndarray:
 
 def seeds_on_curves(section: Section, part: int) -> np.ndarray:
     """Returns points on the singular curves inside the box, ``(k, m)``, from one part of the samples."""
-    points = jnp.asarray(starting_points(section, part))
-    u, residual, margin = (np.asarray(a) for a in _project_jit(section.chart, section.data, points))
+    u, residual, margin = over_points(_project, section.chart, section.data, starting_points(section, part))
     good = (residual <= TOLERANCES.residual) & (margin >= 0)
     return glued(section, u[good])
 
@@ -143,10 +122,8 @@ def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarr
     """
     if len(seeds) == 0:
         return np.zeros((0, section.chart.dimension)), np.zeros((0, 2, section.chart.dimension))
-    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), 512)).astype(int)]
-    padded = np.resize(some, (512, some.shape[1]))
-    found = _critical_jit(section.chart, section.data, jnp.asarray(padded))
-    z, relative, residual = (np.asarray(a) for a in found)
+    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), BLOCK)).astype(int)]
+    z, relative, residual = over_points(_critical_points, section.chart, section.data, some)
     z = z[(relative <= TOLERANCES.residual) & (residual <= TOLERANCES.residual)]
     m = section.chart.dimension
     z = z[distinct(section, glued(section, z[:, :m]))]
@@ -155,26 +132,16 @@ def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarr
     z = z[margins(section, z[:, :m]).min(axis=1) >= -EDGE_SLACK]
     if len(z) == 0:
         return z[:, :m], np.zeros((0, 2, m))
-    directions = np.asarray(_branches_jit(section.chart, section.data, np.resize(z, (-(-len(z) // 8) * 8, z.shape[1]))))
-    return glued(section, z[:, :m]), directions[: len(z)]
+    return glued(section, z[:, :m]), over_points(_branches, section.chart, section.data, z)
 
 
 def margins(section: Section, points: np.ndarray) -> np.ndarray:
     """Returns the four margins of points, ``(k, 4)``."""
-    return over_points(_margins_jit, section, points)
+    return over_points(_margins, section.chart, section.data, points)
 
 
-def _all_margins(chart: Chart, data: SectionData, points: Array) -> Array:
-    return jax.vmap(lambda u: chart.margins(data, u))(points)
-
-
-_margins_jit = jax.jit(_all_margins, static_argnames="chart")
-
-
-def over_points(kernel: Callable[..., Array], section: Section, points: np.ndarray) -> np.ndarray:
-    """Applies a jitted ``(chart, data, points)`` to points whose number is rounded up, so that few shapes compile."""
-    room = max(256, 1 << (len(points) - 1).bit_length())
-    return np.asarray(kernel(section.chart, section.data, np.resize(points, (room, points.shape[1]))))[: len(points)]
+def _margins(chart: Chart, data: SectionData, u: Array) -> Array:
+    return chart.margins(data, u)
 
 
 def seeds_on_borders(section: Section, seeds: np.ndarray) -> np.ndarray:
@@ -190,8 +157,5 @@ def seeds_on_borders(section: Section, seeds: np.ndarray) -> np.ndarray:
 
 def border_points(section: Section, guesses: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns guesses moved onto the border that each names, and which of them solve the equations there."""
-    room = max(512, 1 << (len(guesses) - 1).bit_length())
-    padded, which = np.resize(guesses, (room, guesses.shape[1])), np.resize(edges, room)
-    u, residual, margin = (np.asarray(a) for a in _edge_jit(section.chart, section.data, padded, which))
-    good = (residual <= TOLERANCES.residual) & (margin >= -EDGE_SLACK)
-    return u[: len(guesses)], good[: len(guesses)]
+    u, residual, margin = over_points(_edge_points, section.chart, section.data, guesses, edges)
+    return u, (residual <= TOLERANCES.residual) & (margin >= -EDGE_SLACK)

@@ -12,10 +12,10 @@ from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
 from jaxkin.kinematics.boundary import checked_mechanism
+from jaxkin.mapping.batch import BLOCK, over_points
 from jaxkin.mapping.chart import Chart, SectionData, chart_of
 from jaxkin.numerics.newton import descend, lattice
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
-
 
 #: Samples of a section are made for so many independent searches.
 PARTS = 4
@@ -102,7 +102,7 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
     starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
     period, region_low, region_high = _region(robot, bound, chart, data)
     points = region_low + (region_high - region_low) * lattice(PARTS * starts, chart.dimension)
-    samples, missed = (np.asarray(a) for a in _onto_section(chart, data, jnp.asarray(points)))
+    samples, missed = over_points(_onto_section, chart, data, points)
     section = Section(robot, bound, chart, data, period, region_low, region_high, samples[missed <= 1e-9], starts)
     if len(section.samples) == 0:
         raise InputError(
@@ -202,20 +202,14 @@ def _region(
     return np.array(period), np.array(low), np.array(high)
 
 
-def _move_onto_section(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _onto_section(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Moves points onto the section and into the box; returns them, and by how much they miss."""
 
     def objective(u: jax.Array) -> jax.Array:
         return jnp.concatenate([chart.section(data, u), jnp.minimum(chart.margins(data, u), 0.0)])
 
-    def one(u: jax.Array) -> tuple[jax.Array, jax.Array]:
-        u = descend(objective, u, 30)
-        return u, jnp.max(jnp.abs(objective(u)))
-
-    return jax.vmap(one)(points)
-
-
-_onto_section = jax.jit(_move_onto_section, static_argnames="chart")
+    u = descend(objective, u, 30)
+    return u, jnp.max(jnp.abs(objective(u)))
 
 
 def _scaled(who: str, section: Section) -> SectionData:
@@ -224,8 +218,7 @@ def _scaled(who: str, section: Section) -> SectionData:
     Raises:
         GeometryError: The determinant vanishes at every sample.
     """
-    points = jnp.asarray(np.resize(section.samples, (256, section.chart.dimension)))
-    norms, shares = (np.asarray(a) for a in _sizes(section.chart, section.data, points))
+    norms, shares = over_points(_sizes, section.chart, section.data, section.samples[:BLOCK])
     typical = np.median(norms, axis=0)
     if np.all(shares <= TOLERANCES.residual) or not np.all(typical > 0):
         raise GeometryError(
@@ -236,16 +229,9 @@ def _scaled(who: str, section: Section) -> SectionData:
     return section.data._replace(matrix_scale=section.data.matrix_scale * typical)
 
 
-def _row_sizes(chart: Chart, data: SectionData, points: jax.Array) -> tuple[jax.Array, jax.Array]:
+def _sizes(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Returns the lengths of the rows of A, and |det A| over their product, the magnitude of its terms."""
-
-    def one(u: jax.Array) -> tuple[jax.Array, jax.Array]:
-        matrix = chart.matrix(data, u)
-        norms = jnp.sqrt(jnp.sum(matrix * matrix, axis=1))
-        size = jnp.prod(norms)
-        return norms, jnp.abs(chart.determinant(data, u)) / jnp.where(size > 0, size, 1.0)
-
-    return jax.vmap(one)(points)
-
-
-_sizes = jax.jit(_row_sizes, static_argnames="chart")
+    matrix = chart.matrix(data, u)
+    norms = jnp.sqrt(jnp.sum(matrix * matrix, axis=1))
+    size = jnp.prod(norms)
+    return norms, jnp.abs(chart.determinant(data, u)) / jnp.where(size > 0, size, 1.0)

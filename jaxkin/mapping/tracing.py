@@ -3,17 +3,17 @@
 from dataclasses import dataclass
 from typing import Any
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxkin.mapping import search
-from jaxkin.mapping.assembly import Arc, Network, arcs_of, distance_to_arcs, short_way
+from jaxkin.mapping.assembly import Arc, Network, arcs_of, distance_to_arcs
+from jaxkin.mapping.batch import over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.section import Section
 from jaxkin.numerics import continuation, newton
 from jaxkin.numerics.continuation import LEFT, REACHED, STUCK
+from jaxkin.numerics.gluing import short_way
 
 #: So far from a crossing (dimensionless) the tracer takes over from the straight line through it.
 _AWAY = 1e-3
@@ -129,8 +129,7 @@ def _seeds(
                 keys.append((number, half))
     if not guesses:
         return plain, {}
-    padded = np.resize(np.array(guesses), (-(-len(guesses) // 16) * 16, section.chart.dimension))
-    points, tangents = (np.asarray(a)[: len(guesses)] for a in _on_curve(section.chart, section.data, padded))
+    points, tangents = over_points(_to_curve, section.chart, section.data, np.array(guesses))
     halves = {}
     for k, (number, half) in enumerate(keys):
         outward = float(np.dot(tangents[k], points[k] - nodes[number])) > 0
@@ -138,15 +137,9 @@ def _seeds(
     return np.concatenate([plain, points]), halves
 
 
-def _to_curve(chart: Chart, data: SectionData, guesses: Array) -> tuple[Array, Array]:
-    def one(u: Array) -> tuple[Array, Array]:
-        u = newton.polish(lambda u: chart.singular(data, u), u, steps=6)
-        return u, chart.tangent(data, u)
-
-    return jax.vmap(one)(guesses)
-
-
-_on_curve = jax.jit(_to_curve, static_argnames="chart")
+def _to_curve(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array]:
+    u = newton.polish(lambda u: chart.singular(data, u), u, steps=6)
+    return u, chart.tangent(data, u)
 
 
 def _borders(section: Section, left: list[continuation.Piece]) -> dict[tuple[int, int], tuple[np.ndarray, int]]:
@@ -167,11 +160,8 @@ def _borders(section: Section, left: list[continuation.Piece]) -> dict[tuple[int
     }
 
 
-def _all_tangents(chart: Chart, data: SectionData, points: Array) -> Array:
-    return jax.vmap(lambda u: chart.tangent(data, u))(points)
-
-
-_tangents_jit = jax.jit(_all_tangents, static_argnames="chart")
+def _tangent(chart: Chart, data: SectionData, u: Array) -> Array:
+    return chart.tangent(data, u)
 
 
 def _tangents(section: Section, arcs: list[Arc]) -> list[np.ndarray]:
@@ -179,7 +169,7 @@ def _tangents(section: Section, arcs: list[Arc]) -> list[np.ndarray]:
     if not arcs:
         return []
     points = np.concatenate([arc.points for arc in arcs])
-    tangents = search.over_points(_tangents_jit, section, points)
+    tangents = over_points(_tangent, section.chart, section.data, points)
     size = np.sqrt(np.sum(tangents**2, axis=1, keepdims=True))
     units = np.where(size > 1e-10, tangents / np.where(size > 0, size, 1.0), 0.0)
     return np.split(units, np.cumsum([len(arc.points) for arc in arcs])[:-1])

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.newton import value_and_slope
 from jaxkin.numerics.small_linalg import null_vector, pivoted_solve
 
@@ -75,12 +76,6 @@ class Piece(NamedTuple):
     outside: np.ndarray
 
 
-def wrapped(difference: Array, period: Array) -> Array:
-    """Returns a difference of points as the short way round the glued axes (period inf: not glued)."""
-    turn = jnp.where(jnp.isfinite(period), period, 1.0)
-    return jnp.where(jnp.isfinite(period), difference - turn * jnp.round(difference / turn), difference)
-
-
 def _corrected(function: Function, data: Any, guess: Array, t: Array) -> tuple[Array, Array, Array]:
     """Returns the point of the curve in the plane through the guess across t, how Newton's moves shrank, the tangent.
 
@@ -118,7 +113,7 @@ def _advance(
 ) -> tuple[Lanes, Array]:
     """Moves one lane by one step, shortened so as to land on a seed ahead if there is one."""
     t = lane.tangent * lane.sign
-    ahead = wrapped(seeds - lane.u, period)
+    ahead = short_way(seeds - lane.u, period, jnp)
     along = ahead @ t
     across = jnp.sqrt(jnp.maximum(jnp.sum(ahead * ahead, axis=1) - along * along, 0.0))
     near = alive & (along > _MEETS) & (along <= lane.step) & (across <= 0.5 * along)
@@ -131,7 +126,7 @@ def _advance(
     turn = jnp.sum(t * tangent * lane.sign)
     angle = jnp.arccos(jnp.clip(turn, -1.0, 1.0))
     good = (ratio < 0.1) & (angle < _WIDEST) & (jnp.sum((u - lane.u) ** 2) < (1.3 * step) ** 2)
-    met = good & tries & (jnp.sqrt(jnp.sum(wrapped(u - seeds[nearest], period) ** 2)) < 10 * _MEETS)
+    met = good & tries & (jnp.sqrt(jnp.sum(short_way(u - seeds[nearest], period, jnp) ** 2)) < 10 * _MEETS)
     left = good & ~met & ~(jnp.min(inside(data, u)) >= -1e-12)
 
     grown = lane.step * jnp.clip(_AIM / (angle * lane.step / step + 1e-3), 0.5, 2.0)

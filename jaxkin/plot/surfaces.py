@@ -17,7 +17,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.plot import style
 
 if TYPE_CHECKING:
-    from jaxkin.mapping.surfaces import SingularSurfaces
+    from jaxkin.mapping.meshes import SingularSurfaces
 
 #: The first factor is red in Wenger and Chablat 2009, Fig. 2.
 _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "green", "purple", "orange", "blue", "yellow"))
