@@ -19,6 +19,7 @@ SUITES: dict[str, int | None] = {
     "count_map": 1,
     "analytic_branches": 1,
     "general_branches": 1,
+    "sections": 1,
     "two_cores": None,
     "memory": None,
     "command_line": None,
