@@ -7,6 +7,7 @@ import click
 from jaxkin import __version__
 from jaxkin.cli.map import map_command
 from jaxkin.cli.points import forward_command, inverse_command
+from jaxkin.cli.sections import cusps_command, loci_command
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -35,6 +36,8 @@ def list_command(as_json: bool) -> None:
 cli.add_command(inverse_command)
 cli.add_command(forward_command)
 cli.add_command(map_command)
+cli.add_command(loci_command)
+cli.add_command(cusps_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -2,13 +2,22 @@
 
 import json
 import math
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.options import grid_of, json_option, robot_of, set_option, start_jax, write_text
+from jaxkin.cli.folder import check_folder, pictures, write_files
+from jaxkin.cli.options import (
+    fix_option,
+    grid_of,
+    grid_option,
+    grid_text,
+    json_option,
+    robot_of,
+    set_option,
+    start_jax,
+)
 from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -23,8 +32,8 @@ _PICTURES = ("map.png", "map.pdf")
 @click.command("map")
 @click.argument("mechanism")
 @click.option("--field", default="forward_count", show_default=True, help="What to map.")
-@click.option("--fix", "fixes", multiple=True, metavar="AXIS=VALUE", help="Fix an axis.")
-@click.option("--grid", "grids", multiple=True, metavar="AXIS=LOW:HIGH:N", help="Sample an axis.")
+@fix_option
+@grid_option
 @click.option("--out", type=Path, help="Folder for the picture, the data (Zarr) and the numbers (JSON).")
 @click.option("--force", is_flag=True, help="Replace what is there and start anew.")
 @click.option("--workers", type=click.IntRange(min=1), help="Threads; all cores by default.")
@@ -49,7 +58,7 @@ def map_command(
     The same command again goes on where it stopped, and overwrites nothing.
     """
     if out is not None:
-        _check_folder(out, force)
+        check_folder(out, _DATA, force)
     start_jax()
     from jaxkin.sweep.engine import sweep
     from jaxkin.sweep.fields import by_name
@@ -62,22 +71,6 @@ def map_command(
     if out is not None:
         numbers["files"] = _write(dataset, numbers, out, force)
     click.echo(json.dumps(numbers, indent=2) if as_json else _summary(robot, numbers))
-
-
-def _check_folder(out: Path, force: bool) -> None:
-    """Refuses, before anything is computed, what could lose something."""
-    if out.exists() and not out.is_dir():
-        raise StoreError(f"--out is {str(out)!r}, which is a file: choose another folder.")
-    # A hidden rest of a store that was stopped while it was laid out is nobody's.
-    others = [p for p in out.iterdir() if not p.name.startswith(f".{_DATA}.")] if out.is_dir() else []
-    if others and not (out / _DATA).exists() and not force:
-        raise StoreError(
-            f"--out is {str(out)!r}, which exists and holds something else: choose another folder, or add the map "
-            "to it with --force."
-        )
-    parent = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
-    if not os.access(parent, os.W_OK):
-        raise StoreError(f"--out is {str(out)!r}, but {str(parent)!r} cannot be written: choose another folder.")
 
 
 def _numbers(robot: "Mechanism", dataset: "xarray.Dataset") -> dict[str, Any]:
@@ -140,12 +133,13 @@ def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force:
     missing = [out / name for name in _PICTURES if force or not (out / name).exists()]
     if missing:
         try:
-            _draw(dataset, missing)
+            write_files(_draw(dataset, missing))
         except InputError as error:  # Three free axes, or branches: data without a picture.
             click.echo(f"jaxkin: no picture: {error}", err=True)
     files |= {path.suffix[1:]: str(path) for path in map(out.joinpath, _PICTURES) if path.exists()}
     if force or not (out / _NUMBERS).exists():
-        write_text(out / _NUMBERS, json.dumps({**numbers, "files": files}, indent=2) + "\n")
+        text = json.dumps({**numbers, "files": files}, indent=2) + "\n"
+        write_files({out / _NUMBERS: text.encode()})
     return files
 
 
@@ -157,27 +151,14 @@ def _request_of(path: Path) -> str | None:
         return None
 
 
-def _draw(dataset: "xarray.Dataset", paths: list[Path]) -> None:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+def _draw(dataset: "xarray.Dataset", paths: list[Path]) -> dict[Path, bytes]:
     from jaxkin.plot.maps import section
 
-    figure = section(dataset).get_figure(root=True)
-    assert figure is not None
-    for path in paths:
-        figure.savefig(path, dpi=200)
-    plt.close("all")
+    return pictures(paths, lambda: section(dataset))
 
 
 def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
-    grid = ", ".join(
-        f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
-        for axis, value in numbers["grid"].items()
-    )
-    lines = [str(robot), f"{numbers['field']} over {grid}: {numbers['samples']:,} samples"]
+    lines = [str(robot), f"{numbers['field']} over {grid_text(numbers['grid'])}: {numbers['samples']:,} samples"]
     if not numbers["complete"]:
         lines.append("  incomplete: run the same command again")
     if "fractions" in numbers:

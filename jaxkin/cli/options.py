@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.core.errors import InputError, StoreError
+from jaxkin.core.errors import InputError
 
 if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism
@@ -16,6 +16,12 @@ if TYPE_CHECKING:
 
 set_option: Callable[..., Any] = click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change the geometry, e.g. --set c2=1.5."
+)
+fix_option: Callable[..., Any] = click.option(
+    "--fix", "fixes", multiple=True, metavar="AXIS=VALUE", help="Fix an axis."
+)
+grid_option: Callable[..., Any] = click.option(
+    "--grid", "grids", multiple=True, metavar="AXIS=LOW:HIGH:N", help="Sample an axis."
 )
 json_option: Callable[..., Any] = click.option("--json", "as_json", is_flag=True, help="Print JSON, for programs.")
 
@@ -51,17 +57,6 @@ def number(what: str, text: str) -> float:
     if not math.isfinite(value):
         raise InputError(f"{what} is {text!r}: it must be a finite number.")
     return value
-
-
-def write_text(path: Path, text: str) -> None:
-    """Writes a file aside and renames it, so that a full disk costs nothing that existed."""
-    aside = path.with_name(f".{path.name}.new")
-    try:
-        aside.write_text(text)
-        os.replace(aside, path)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise StoreError(f"{path} cannot be written ({error.strerror}): choose another place.") from error
 
 
 def pairs(option: str, items: tuple[str, ...]) -> dict[str, str]:
@@ -107,3 +102,11 @@ def grid_of(fixes: tuple[str, ...], grids: tuple[str, ...]) -> "Grid":
             raise InputError(f"--grid {key} has n = {parts[2]!r}: the number of samples must be an integer.") from None
         axes[key] = (low, high, count)
     return Grid(**axes)
+
+
+def grid_text(content: dict[str, Any]) -> str:
+    """Says in a few words what a request holds as its grid."""
+    return ", ".join(
+        f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
+        for axis, value in content.items()
+    )

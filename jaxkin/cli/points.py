@@ -1,7 +1,6 @@
 """``jaxkin forward`` and ``jaxkin inverse``: one point, or a CSV of points."""
 
 import csv
-import io
 import json
 import math
 from collections.abc import Callable
@@ -10,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.options import json_option, number, robot_of, set_option, start_jax, write_text
+from jaxkin.cli.folder import csv_text, write_files
+from jaxkin.cli.options import json_option, number, robot_of, set_option, start_jax
 from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -96,13 +96,13 @@ def _solve(
         }
         text = json.dumps(content, indent=2) + "\n"
     elif out is not None or table is not None:
-        text = _csv_text(records)
+        text = csv_text(records[0], ([record[name] for name in records[0]] for record in records))
     else:
         text = _summary(robot, records, axes, rows[0], forward)
     if out is None:
         click.echo(text, nl=False)
     else:
-        write_text(out, text)
+        write_files({out: text.encode()})
         click.echo(f"{len(records)} rows written to {out}", err=True)
     for complaint in complaints:
         click.echo(f"jaxkin: {complaint}", err=True)
@@ -207,14 +207,6 @@ _MEASURES = ("multiplicity", "residual", "determinant")
 
 def _or_none(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def _csv_text(records: list[dict[str, Any]]) -> str:
-    buffer = io.StringIO()
-    writer = csv.DictWriter(buffer, list(records[0]), lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(records)
-    return buffer.getvalue()
 
 
 def _summary(

@@ -19,6 +19,8 @@ from jaxkin.numerics.gluing import short_way
 
 #: Least cosine between the kernels of neighbouring points of a curve.
 _KERNEL_TURN = 0.8
+#: Rates of det A along its kernel that are smaller than this along a whole arc are rounding.
+_STILL = 1e-9
 
 
 def _rates(chart: Chart, data: SectionData, u: Array) -> Array:
@@ -29,27 +31,31 @@ def _rates(chart: Chart, data: SectionData, u: Array) -> Array:
     return jnp.append(kernel, chart.fold_rate(data, u)) / size
 
 
-def roots_along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int]:
+def roots_along_curves(section: Section, traced: Traced) -> tuple[np.ndarray, int, np.ndarray]:
     """Returns roots found where the rate changes sign, or comes near zero, along the arcs; and the changes' number.
 
-    The kernel's sign is carried on from point to point: it may come back reversed on a closed arc.
+    The kernel's sign is carried on from point to point: it may come back reversed on a closed arc. Third, a point of
+    every arc along which the rate vanishes throughout: the joints stand still on it, it is a self-motion.
     """
-    guesses, changes = [], 0
+    guesses, changes, still = [], 0, np.zeros((0, section.chart.dimension))
     if traced.arcs:
         lengths = [len(arc.points) for arc in traced.arcs]
         values = over_points(_rates, section.chart, section.data, np.concatenate([arc.points for arc in traced.arcs]))
         for arc, rows in zip(traced.arcs, np.split(values, np.cumsum(lengths)[:-1]), strict=True):
+            if np.max(np.abs(rows[:, -1])) < _STILL:
+                still = np.vstack([still, arc.points[len(arc.points) // 2]])
+                continue
             crossed, near = _brackets(*_smooth(section, arc, rows))
             guesses += crossed + near
             changes += len(crossed)
     if not guesses:
-        return np.zeros((0, section.chart.dimension)), 0
+        return np.zeros((0, section.chart.dimension)), 0, still
     pairs = np.array(guesses)
     middle = over_points(_bisect, section.chart, section.data, pairs)
     u, good = newton_roots(section, middle)
     size = np.max(np.abs(pairs[:, 1] - pairs[:, 0]), axis=1)
     here = np.max(np.abs(short_way(u - pairs[:, 0], section.period)), axis=1) < 3 * size + 1e-6
-    return search.glued(section, u[good & here]), changes
+    return search.glued(section, u[good & here]), changes, still
 
 
 def _smooth(section: Section, arc: Arc, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -69,7 +75,7 @@ def _smooth(section: Section, arc: Arc, rows: np.ndarray) -> tuple[np.ndarray, n
         if len(wide) == 0:
             break
         pairs = np.stack([points[wide], points[wide + 1]], axis=1)
-        middle = over_points(_midpoint, section.chart, section.data, pairs)
+        middle = search.midpoints(section, pairs)
         points = np.insert(points, wide + 1, middle, axis=0)
         rows = np.insert(rows, wide + 1, over_points(_rates, section.chart, section.data, middle), axis=0)
     return points, rows
@@ -87,27 +93,13 @@ def _brackets(points: np.ndarray, rows: np.ndarray) -> tuple[list[np.ndarray], l
     return crossed, [points[[k, k + 2]] for k in np.flatnonzero(dips)]
 
 
-def _onto_curve(chart: Chart, data: SectionData, guess: Array, across: Array) -> Array:
-    """Returns the point of the singular curve in the plane through the guess across a direction."""
-
-    def system(u: Array) -> Array:
-        return jnp.append(chart.singular(data, u), jnp.dot(across, u - guess))
-
-    return newton.polish(system, guess, steps=4, trust=0.1)
-
-
-def _midpoint(chart: Chart, data: SectionData, pair: Array) -> Array:
-    a, b = pair
-    return _onto_curve(chart, data, 0.5 * (a + b), (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2)))
-
-
 def _bisect(chart: Chart, data: SectionData, pair: Array) -> Array:
     """Halves the way between two points of a curve until the rate's change of sign is near; else returns the middle."""
     a, b = pair
     across = (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2))
 
     def rate(s: Array) -> tuple[Array, Array, Array]:
-        u = _onto_curve(chart, data, a + s * (b - a), across)
+        u = search.onto_curve(chart, data, a + s * (b - a), across)
         return chart.fold_rate(data, u), chart.kernel(data, u), u
 
     def halve(k: Array, carry: tuple[Array, ...]) -> tuple[Array, ...]:
@@ -127,7 +119,7 @@ def _bisect(chart: Chart, data: SectionData, pair: Array) -> Array:
     zero = jnp.zeros(())
     _, high, _, _, u = jax.lax.fori_loop(0, 14, halve, (zero, zero + 1, zero, jnp.zeros(chart.n_pose), a))
     # Without a change of sign the middle is the better guess.
-    return jnp.where(high == 1.0, _onto_curve(chart, data, 0.5 * (a + b), across), u)
+    return jnp.where(high == 1.0, search.onto_curve(chart, data, 0.5 * (a + b), across), u)
 
 
 def _newton(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array, Array]:

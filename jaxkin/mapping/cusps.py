@@ -67,7 +67,7 @@ def cusps(robot: Mechanism, section: Grid) -> Cusps:
 
 def cusps_of(section: Section, traced: Traced) -> Cusps:
     """Finds the cusps of a section whose singular curves are traced."""
-    along, changes = roots_along_curves(section, traced)
+    along, changes, still = roots_along_curves(section, traced)
     apart = roots_from_starts(section)
     points = np.concatenate([along, apart])
     kept = search.distinct(section, points)
@@ -89,6 +89,8 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
         if kind not in ("cusp", "crossing", "")
     ]
     joints, poses, _ = evaluated(section, traced.crossings)
+    motions = zip(*evaluated(section, still)[:2], strict=True)
+    others += [Other("self-motion", q, x) for q, x in motions]
     others += [Other("crossing", q, x) for q, x in zip(joints, poses, strict=True)]
     return _grouped(section, [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence)
 

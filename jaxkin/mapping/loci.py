@@ -16,7 +16,13 @@ from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section, bind_section
 from jaxkin.mapping.tracing import trace_section
+from jaxkin.numerics.gluing import short_way
 from jaxkin.sweep.grid import Grid
+
+#: Longest chord and sharpest turn (rad) of a curve's image, in widths of the box; shorter chords may turn as they will.
+_LONG, _SHARP, _SHORT = 0.02, 0.15, 0.001
+#: Shortest step in pose space that is halved, and how often.
+_LEAST, _REFINEMENTS = 2e-3, 5
 
 
 def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -> SingularCurves:
@@ -68,7 +74,7 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
 
 
 def _curve(section: Section, strand: Strand) -> Curve:
-    joints, poses, residual = evaluated(section, strand.points)
+    joints, poses, residual = evaluated(section, _refined(section, strand))
     return Curve(
         joints=joints,
         poses=poses,
@@ -77,6 +83,32 @@ def _curve(section: Section, strand: Strand) -> Curve:
         label=_factor(section, poses),
         ends=(_name(section, strand.start), _name(section, strand.end)),
     )
+
+
+def _refined(section: Section, strand: Strand) -> np.ndarray:
+    """Returns the strand's points with others between them where its image in the joints is coarse.
+
+    The tracer's steps are even in pose space; a leg that almost vanishes turns the image quickly.
+    """
+    points, free = strand.points, list(section.grid.free)
+    width = np.asarray(section.data.high) - np.asarray(section.data.low)
+    for _ in range(_REFINEMENTS):
+        following = points[:1] if strand.closed else points[:0]
+        if strand.closed:
+            following = points[-1] + short_way(following - points[-1], section.period)
+        a, b = points[: len(points) - (not strand.closed)], np.vstack([points[1:], following])
+        steps = np.diff(evaluated(section, np.vstack([points, following]))[0][:, free] / width, axis=0)
+        length = np.sqrt(np.sum(steps**2, axis=1))
+        unit = steps / np.maximum(length, 1e-300)[:, None]
+        turned = np.sum(unit[1:] * unit[:-1], axis=1) < np.cos(_SHARP)
+        sharp = np.append(turned, False) | np.insert(turned, 0, False)
+        coarse = ((length > _LONG) | (sharp & (length > _SHORT))) & (np.max(np.abs(b - a), axis=1) > _LEAST)
+        if not coarse.any():
+            break
+        middle = search.midpoints(section, np.stack([a[coarse], b[coarse]], axis=1))
+        near = np.max(np.abs(middle - 0.5 * (a + b)[coarse]), axis=1) < 0.2 * np.max(np.abs(b - a)[coarse], axis=1)
+        points = np.insert(points, np.flatnonzero(coarse)[near] + 1, middle[near], axis=0)
+    return points
 
 
 def _name(section: Section, end: End) -> str:

@@ -170,9 +170,10 @@ class Other:
     """A point at which the cusp equations hold, and that is no cusp.
 
     Attributes:
-        kind: ``"crossing"`` (the gradient of det A vanishes), ``"isolated point"`` (the same, and the singular set is
-            this point alone), ``"swallowtail or higher"`` (the third coefficient vanishes as well), or ``"double
-            kernel"`` (A loses two ranks).
+        kind: ``"crossing"`` (the gradient of det A vanishes), ``"isolated point"`` (the same, and the singular set
+            is this point alone), ``"self-motion"`` (a curve of singular poses over this one joint point),
+            ``"swallowtail or higher"`` (the third coefficient vanishes as well), or ``"double kernel"`` (A loses two
+            ranks).
         joints: ``(n_joint,)``.
         pose: ``(n_pose,)``.
     """

@@ -82,6 +82,25 @@ def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
     return jnp.cos(angles)[:, None] * basis[0] + jnp.sin(angles)[:, None] * basis[1]
 
 
+def onto_curve(chart: Chart, data: SectionData, guess: Array, across: Array) -> Array:
+    """Returns the point of the singular curve in the plane through the guess across a direction."""
+
+    def system(u: Array) -> Array:
+        return jnp.append(chart.singular(data, u), jnp.dot(across, u - guess))
+
+    return polish(system, guess, steps=4, trust=0.1)
+
+
+def _midpoint(chart: Chart, data: SectionData, pair: Array) -> Array:
+    a, b = pair
+    return onto_curve(chart, data, 0.5 * (a + b), (b - a) / jnp.sqrt(jnp.sum((b - a) ** 2)))
+
+
+def midpoints(section: Section, pairs: np.ndarray) -> np.ndarray:
+    """Returns the points of the curve half-way between pairs of its points, ``(k, 2, m) -> (k, m)``."""
+    return over_points(_midpoint, section.chart, section.data, pairs)
+
+
 def starting_points(section: Section, part: int) -> np.ndarray:
     """Returns one part of the samples of the section, ``(starts, m)``: no two parts share a start."""
     some = section.samples[part % len(section.samples) :: PARTS]

@@ -21,6 +21,8 @@ _AWAY = 1e-3
 _SEEDS = 96
 #: Longest steps of successive attempts: a jump between branches is answered by shorter steps.
 _STEPS = (continuation.LONGEST_STEP, 0.015, 0.004)
+#: Points with a smaller margin lie on the border.
+_TOUCH = 1e-9
 #: A point lies on a traced segment if it is nearer than this share of the segment's length.
 _COVERED = 1e-3
 
@@ -67,6 +69,9 @@ def trace_section(section: Section) -> Traced:
         gap, size = distance_to_arcs(found, arcs, tangents, section.period)
         missed = found[gap > _COVERED * size + 1e-7]
         rounds += 1
+        if rounds > 1 and len(missed):
+            # What no arc starts from, after a try, and lies on the border, only touches the box.
+            missed = missed[np.min(search.margins(section, missed), axis=1) > _TOUCH]
         if len(missed) == 0 or rounds == 6:
             break
         seeds = np.concatenate([missed, seeds])
