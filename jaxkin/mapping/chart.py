@@ -109,6 +109,14 @@ class Chart:
         """Returns det A, dimensionless, a polynomial of the entries."""
         return expanded_determinant(self.matrix(data, u))
 
+    def determinant_size(self, data: SectionData, u: Array) -> Array:
+        """Returns Hadamard's bound, the product of the lengths of A's rows, by which det A is judged.
+
+        Rows are of order one; a leg of zero length has a row of zeros, and each counts as 0.01 at least.
+        """
+        matrix = self.matrix(data, u)
+        return jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
+
     def singular(self, data: SectionData, u: Array) -> Array:
         """Returns the equations of the singular curve: section and determinant."""
         return jnp.append(self.section(data, u), self.determinant(data, u))

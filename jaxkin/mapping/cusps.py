@@ -73,7 +73,7 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
     kept = search.distinct(section, points)
     points = points[kept]
     facts = _facts(section, points)
-    near_crossing = _near(section, points, traced.crossings, _AT_CROSSING)
+    near_crossing = _near(section, points, np.concatenate([traced.crossings, traced.isolated]), _AT_CROSSING)
     kinds = [_kind(f, c) for f, c in zip(facts, near_crossing, strict=True)]
     good = np.array([kind == "cusp" for kind in kinds], bool)
     evidence = {
@@ -88,10 +88,8 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
         for kind, f in zip(kinds, facts, strict=True)
         if kind not in ("cusp", "crossing", "")
     ]
-    joints, poses, _ = evaluated(section, traced.crossings)
-    motions = zip(*evaluated(section, still)[:2], strict=True)
-    others += [Other("self-motion", q, x) for q, x in motions]
-    others += [Other("crossing", q, x) for q, x in zip(joints, poses, strict=True)]
+    for kind, points in (("self-motion", still), ("isolated point", traced.isolated), ("crossing", traced.crossings)):
+        others += [Other(kind, q, x) for q, x in zip(*evaluated(section, points)[:2], strict=True)]
     return _grouped(section, [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence)
 
 
@@ -127,7 +125,7 @@ def _measure(chart: Chart, data: SectionData, u: Array) -> tuple[Array, ...]:
     if chart.n_rows:
         slope = slope - rows.T @ pivoted_solve(rows @ rows.T, rows @ slope)
     left, sigma, right = jnp.linalg.svd(chart.matrix(data, u))
-    size = jnp.prod(jnp.sqrt(jnp.sum(chart.matrix(data, u) ** 2, axis=1)))
+    size = chart.determinant_size(data, u)
     w, v = left[:, -1], right[-1]
     pose, joints = chart.configuration(data, u)
 

@@ -23,6 +23,8 @@ from jaxkin.sweep.grid import Grid
 _LONG, _SHARP, _SHORT = 0.02, 0.15, 0.001
 #: Shortest step in pose space that is halved, and how often.
 _LEAST, _REFINEMENTS = 2e-3, 5
+#: The ends of a component that is one point.
+_ALONE = "isolated point"
 
 
 def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -> SingularCurves:
@@ -61,9 +63,11 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
         raise InputError(f"jk.singular_curves: method is {method!r}: choose 'trace' or 'closed form'.")
     traced = trace_section(bound)
     curves = tuple(_curve(bound, strand) for strand in strands_of(traced.arcs, bound.period))
+    alone = zip(*evaluated(bound, traced.isolated), strict=True)
+    dots = tuple(Curve(q[None], x[None], False, float(r), ends=(_ALONE, _ALONE)) for q, x, r in alone)
     joints, poses, residual = evaluated(bound, traced.crossings)
     return SingularCurves(
-        curves=curves,
+        curves=curves + dots,
         crossings=Crossings(joints, poses, residual),
         request=bound.content("trace"),
         pose_names=tuple(axis.name for axis in robot.pose_axes),
@@ -149,11 +153,8 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _evaluate(chart: Chart, data: SectionData, u: Array) -> Array:
     joints, pose = chart.joints(data, u), chart.pose(data, u)
-    matrix = chart.matrix(data, u)
-    # A leg of zero length has a row of zeros: rows are of order one elsewhere, and count as 0.01 at least.
-    size = jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
     closing = jnp.abs(data.robot.constraints(pose, joints)) / data.robot.constraint_scales(pose, joints)
-    singular = jnp.abs(chart.determinant(data, u)) / size
+    singular = jnp.abs(chart.determinant(data, u)) / chart.determinant_size(data, u)
     return jnp.concatenate([joints, pose, jnp.maximum(jnp.max(closing), singular)[None]])
 
 

@@ -17,7 +17,7 @@ from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.section import PARTS, Section
 from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.newton import descend, polish
-from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
+from jaxkin.numerics.small_linalg import pivoted_solve
 
 #: Points closer than this (dimensionless) are one.
 SAME = 1e-6
@@ -56,9 +56,9 @@ def _critical_points(chart: Chart, data: SectionData, u: Array) -> tuple[Array, 
     multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.n_rows else jnp.zeros(0)
     # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
     z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
-    matrix = chart.matrix(data, z[: chart.dimension])
-    size = jnp.prod(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)))
-    relative = jnp.abs(expanded_determinant(matrix)) / size
+    relative = jnp.abs(chart.determinant(data, z[: chart.dimension])) / chart.determinant_size(
+        data, z[: chart.dimension]
+    )
     return z, relative, jnp.max(jnp.abs(chart.critical(data, z)))
 
 

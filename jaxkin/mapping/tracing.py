@@ -35,12 +35,14 @@ class Traced:
         arcs: Smooth arcs, ending at borders and crossings.
         tangents: The oriented unit tangents at their points, one array an arc; zero at crossings.
         crossings: ``(n, m)``.
+        isolated: ``(i, m)`` points where the gradient vanishes as well, and no branch passes: components by themselves.
         evidence: What speaks for completeness, by name.
     """
 
     arcs: list[Arc]
     tangents: list[np.ndarray]
     crossings: np.ndarray
+    isolated: np.ndarray
     evidence: dict[str, Any]
 
 
@@ -72,6 +74,7 @@ def trace_section(section: Section) -> Traced:
         if rounds > 1 and len(missed):
             # What no arc starts from, after a try, and lies on the border, only touches the box.
             missed = missed[np.min(search.margins(section, missed), axis=1) > _TOUCH]
+        missed = missed[~_near_any(section, missed, nodes)]
         if len(missed) == 0 or rounds == 6:
             break
         seeds = np.concatenate([missed, seeds])
@@ -82,7 +85,14 @@ def trace_section(section: Section) -> Traced:
         "ends on borders: traced, found by a search of their own": [len(ends), _met(section, edges, ends)],
         "contradictory pieces": network.contradictions,
     }
-    return Traced(arcs, tangents, nodes, evidence)
+    alone = ~np.all(np.isfinite(directions), axis=(1, 2))
+    return Traced(arcs, tangents, nodes[~alone], nodes[alone], evidence)
+
+
+def _near_any(section: Section, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
+    """Returns which points are so near a crossing, or an isolated point, that they are that."""
+    gaps = np.max(np.abs(short_way(points[:, None] - nodes[None], section.period)), axis=2, initial=0.0)
+    return np.any(gaps < _AWAY, axis=1)
 
 
 def _stuck(section: Section, network: Network) -> np.ndarray:
