@@ -1,19 +1,23 @@
 """Maps over one or two free axes."""
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import CenteredNorm, ListedColormap
+from matplotlib.legend import Legend
+from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from scipy import ndimage
 
 from jaxkin.core.errors import InputError
-from jaxkin.plot import style
+from jaxkin.plot import loci, style
 
 if TYPE_CHECKING:
     import xarray
+
+    from jaxkin.mapping.records import Cusps, SingularCurves
 
 #: Regions smaller than this share of the picture get no label; the legend still names them.
 _LABEL_SHARE = 0.004
@@ -23,45 +27,111 @@ _MOST_SAMPLES = 2000
 _LABEL_SAMPLES = 400
 
 
-def section(result: "xarray.Dataset | xarray.DataArray", variable: str | None = None, ax: Axes | None = None) -> Axes:
-    """Draws a map over one or two free axes.
+def section(
+    result: "xarray.Dataset | xarray.DataArray | None",
+    variable: str | None = None,
+    ax: Axes | None = None,
+    curves: "SingularCurves | None" = None,
+    cusps: "Cusps | None" = None,
+) -> Axes:
+    """Draws a map over one or two free axes, with the singular curves and cusps of the section.
 
     Numbers of solutions are drawn as labelled regions (0 white, uncomputed samples light grey), signed
-    quantities diverging about their zero line, others in viridis.
+    quantities diverging about their zero line, others in viridis. Curves of closed forms have their names beside
+    them, others stand in the legend; virtual parts, whose poses are complex, are thin and dashed. What is outside
+    the map's axes is left out, and not counted.
 
     Args:
-        result: What ``jk.sweep`` returned.
+        result: What ``jk.sweep`` returned; None draws the curves and cusps alone, over their section.
         variable: Which of its variables; the field itself if not given.
         ax: Where to draw; a new figure if not given.
+        curves: What ``jk.singular_curves`` returned for this section.
+        cusps: What ``jk.cusps`` returned for this section.
 
     Returns:
         The Axes, with a legend or colour bar.
 
     Raises:
-        InputError: There are not one or two free axes.
+        InputError: There are not one or two free axes; there is nothing to draw; curves or cusps are of another
+            section, or over a map of one free axis.
     """
-    data = (
-        result if variable is None and not hasattr(result, "data_vars") else result[variable or result.attrs["field"]]
-    )
-    data = data.squeeze()  # type: ignore[union-attr]
+    given = [record for record in (curves, cusps) if record is not None]
+    if result is None and not any(map(len, given)):
+        raise InputError(
+            "There is nothing to draw: give a map of jk.sweep, or singular curves or cusps that are not empty."
+        )
+    data = None if result is None else _chosen(result, variable, bool(given))
+    free, fixed = loci.section_of(given[0]) if data is None else _section(data)
+    for record in given:
+        loci.check(record, free, fixed)
+    if ax is None:
+        _, ax = plt.subplots(figsize=(6.8 if given else 5.2, 4.6), layout="constrained")
+    if data is None:
+        _frame(given[0], free, ax)
+    else:
+        _map(data, ax, [] if curves is None else [loci.free_points(curves, c.joints) for c in curves])
+    handles = loci.draw(ax, curves, cusps)
+    if handles:
+        _add_legend(ax, handles)
+    ax.set_title(", ".join(f"{style.symbol(name)} = {value:g}" for name, value in fixed.items()), fontsize="medium")
+    return ax
+
+
+def _chosen(result: "xarray.Dataset | xarray.DataArray", variable: str | None, with_curves: bool) -> "xarray.DataArray":
+    """Returns the variable to draw, thinned to what a page can show."""
+    whole = variable is None and not hasattr(result, "data_vars")
+    data = (result if whole else result[variable or result.attrs["field"]]).squeeze()
     if data.ndim not in (1, 2):
         raise InputError(
             f"The map of {data.name!r} has the free axes {', '.join(map(str, data.dims))}: a picture needs one or two; "
             "select the others first, for instance with .isel(branch=0)."
         )
-    if ax is None:
-        _, ax = plt.subplots(figsize=(5.2, 4.6), layout="constrained")
-    if data.ndim == 1:
-        _line(data, ax)  # type: ignore[arg-type]
-    else:
+    if data.ndim == 1 and with_curves:
+        raise InputError(f"The map of {data.name!r} has one free axis: singular curves and cusps need a map of two.")
+    if data.ndim == 2:
         # No page shows more samples than this, and an image of all would take many times the data's memory.
         data = data[tuple(slice(None, None, max(1, n // _MOST_SAMPLES)) for n in data.shape)]
-        (_regions if np.issubdtype(data.dtype, np.integer) else _shades)(data, ax)  # type: ignore[arg-type]
-    fixed = [
-        f"{style.symbol(str(n))} = {float(c):g}" for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"
-    ]
-    ax.set_title(", ".join(fixed), fontsize="medium")
-    return ax
+    return data  # type: ignore[return-value]
+
+
+def _map(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> None:
+    if data.ndim == 1:
+        _line(data, ax)
+    elif np.issubdtype(data.dtype, np.integer):
+        _regions(data, ax, lines)
+    else:
+        _shades(data, ax)
+
+
+def _section(data: "xarray.DataArray") -> tuple[tuple[str, ...], dict[str, float]]:
+    """Returns the names of the free axes, and the fixed ones with their values."""
+    fixed = {str(n): float(c) for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"}
+    return tuple(map(str, data.dims)), fixed
+
+
+def _frame(record: "SingularCurves | Cusps", free: tuple[str, ...], ax: Axes) -> None:
+    """Prepares Axes for curves without a map."""
+    x, y = (record.request["section"][name][:2] for name in free)
+    style.dress(ax, *((name, record.units[name]) for name in free))
+    ax.set(xlim=x, ylim=y)
+
+
+def _add_legend(ax: Axes, handles: list[Line2D]) -> None:
+    """Adds a legend of curves: below that of the regions, or below the Axes where a colour bar is on the right."""
+    look: dict[str, Any] = {"handles": handles, "labels": [handle.get_label() for handle in handles]}
+    look |= {"frameon": False, "fontsize": "small"}
+    regions = ax.get_legend()
+    if regions is not None:
+        regions.set_loc("upper left")
+        regions.set_bbox_to_anchor((1.01, 1.0))
+        # A second call of ax.legend would take the first one away.
+        legend = ax.add_artist(Legend(ax, loc="lower left", bbox_to_anchor=(1.01, 0.0), **look))
+        # Else the layout takes it for clipped at the Axes, and makes no room.
+        legend.set_clip_on(False)
+    elif ax.images:
+        ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, **look)
+    else:
+        ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), **look)
 
 
 def _unit(data: "xarray.DataArray", dim: object) -> tuple[str, str]:
@@ -105,7 +175,7 @@ def _limits(samples: np.ndarray) -> tuple[float, float]:
     return float(samples[0]), float(samples[-1] + (step if whole else 0.0))
 
 
-def _regions(data: "xarray.DataArray", ax: Axes) -> None:
+def _regions(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> None:
     counts = np.asarray(data).T
     present = [int(n) for n in np.unique(counts)]
     missing = data.attrs.get("not_computed")
@@ -119,7 +189,7 @@ def _regions(data: "xarray.DataArray", ax: Axes) -> None:
         vmin=-0.5,
         vmax=len(present) - 0.5,
     )
-    for x, y, number in _label_places(data, counts, present):
+    for x, y, number in _label_places(data, counts, present, lines):
         if number != missing:
             ax.text(x, y, str(number), ha="center", va="center", fontsize="medium")
     handles = [
@@ -129,12 +199,18 @@ def _regions(data: "xarray.DataArray", ax: Axes) -> None:
     ax.legend(handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
 
 
-def _label_places(data: "xarray.DataArray", counts: np.ndarray, present: list[int]) -> list[tuple[float, float, int]]:
-    """Returns the point farthest from the border of every region that is large enough for a label."""
+def _label_places(
+    data: "xarray.DataArray", counts: np.ndarray, present: list[int], lines: list[np.ndarray]
+) -> list[tuple[float, float, int]]:
+    """Returns the point farthest from the border, and from all lines, of every region large enough for a label."""
     step = max(1, -(-max(counts.shape) // _LABEL_SAMPLES))
     small = counts[::step, ::step]
     x, y = (np.asarray(data[dim])[::step] for dim in data.dims)
-    places = []
+    places, free = [], np.ones(small.shape, bool)
+    for line in lines:
+        column, row = (np.searchsorted(axis, line[:, k]) for k, axis in enumerate((x, y)))
+        inside = (column < len(x)) & (row < len(y))
+        free[row[inside], column[inside]] = False
     for number in present:
         pieces, count = ndimage.label(small == number)  # type: ignore[misc]
         sizes = np.bincount(pieces.ravel(), minlength=count + 1)
@@ -142,7 +218,7 @@ def _label_places(data: "xarray.DataArray", counts: np.ndarray, present: list[in
             if sizes[piece] < _LABEL_SHARE * small.size:
                 continue
             # A frame of other samples keeps labels off the edge of the picture.
-            depth = np.asarray(ndimage.distance_transform_edt(np.pad(pieces == piece, 1)))[1:-1, 1:-1]
+            depth = np.asarray(ndimage.distance_transform_edt(np.pad((pieces == piece) & free, 1)))[1:-1, 1:-1]
             row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
             places.append((float(x[column]), float(y[row]), number))
     return places

@@ -15,7 +15,8 @@ from jaxkin.kinematics.jacobian import jacobians
 from jaxkin.kinematics.solve import forward
 from jaxkin.plot import style
 
-_SIGN_COLOURS = {1: style.OKABE_ITO["blue"], -1: style.OKABE_ITO["vermillion"], 0: style.OKABE_ITO["black"]}
+#: Points of base and platform nearer than this share of the picture would have their letters on one another.
+_NEAR = 0.12
 
 
 @overload
@@ -42,8 +43,7 @@ def mechanism(
     Raises:
         InputError: The mechanism has no outline, or there is no real solution to draw.
     """
-    if not hasattr(robot, "outline"):
-        raise InputError(f"{type(robot).__name__} has no method outline(pose) -> (base, platform): add one to draw it.")
+    check_outline(robot)
     found = forward(robot, joints) if branches is None else branches
     poses = np.asarray(found.values)[np.asarray(found.valid)]
     if len(poses) == 0:
@@ -51,7 +51,7 @@ def mechanism(
     if ax is not None:
         for number, pose in enumerate(poses, 1):
             _draw(robot, pose, joints, ax, number, overlaid=True)
-        _finish(ax)
+        finish(ax)
         return ax
     columns = min(3, len(poses))
     rows = math.ceil(len(poses) / columns)
@@ -66,7 +66,7 @@ def mechanism(
     )
     for number, (panel, pose) in enumerate(zip(panels.flat, poses, strict=False), 1):
         _draw(robot, pose, joints, panel, number, overlaid=False)
-        _finish(panel)
+        finish(panel)
     for panel in panels.flat[len(poses) :]:
         panel.set_axis_off()
     for panel in panels.flat:
@@ -79,11 +79,19 @@ def mechanism(
     return panels.ravel()[: len(poses)]
 
 
-def _draw(robot: Any, pose: np.ndarray, joints: ArrayLike, ax: Axes, number: int, *, overlaid: bool) -> None:
+def check_outline(robot: object) -> None:
+    """Refuses a mechanism that cannot outline itself.
+
+    Raises:
+        InputError: It has no method ``outline``.
+    """
+    if not hasattr(robot, "outline"):
+        raise InputError(f"{type(robot).__name__} has no method outline(pose) -> (base, platform): add one to draw it.")
+
+
+def draw_pose(robot: Any, pose: np.ndarray, ax: Axes, colour: str, *, letters: bool = True) -> np.ndarray:
+    """Draws base, legs and platform of one pose; returns the platform's points, ``(k, 2)``."""
     base, platform = robot.outline(pose)
-    determinant = float(np.linalg.det(np.asarray(jacobians(robot, pose, joints).direct)))
-    sign = int(np.sign(determinant))
-    colour = style.OKABE_ITO["black"] if overlaid and sign == 0 else _SIGN_COLOURS[sign]
     ax.fill(*base.T, facecolor="#DDDDDD", edgecolor="#777777", linewidth=1, zorder=1)
     for a, b in zip(base, platform, strict=True):
         ax.plot(*np.array([a, b]).T, color="#333333", linewidth=1.2, zorder=2)
@@ -91,27 +99,42 @@ def _draw(robot: Any, pose: np.ndarray, joints: ArrayLike, ax: Axes, number: int
     ax.plot(*np.vstack([platform, platform[:1]]).T, color=colour, linewidth=1.6, zorder=3)
     ax.plot(*base.T, "s", color="black", markersize=4, zorder=4)
     ax.plot(*platform.T, "o", color="white", markeredgecolor=colour, markersize=4, zorder=4)
-    if overlaid:
-        centre = platform.mean(axis=0)
-        ax.text(centre[0], centre[1], str(number), ha="center", va="center", zorder=5)
-        return
-    for letter, points, ink in (("A", base, "black"), ("B", platform, colour)):
-        for k, (point, away) in enumerate(zip(points, _outward(points), strict=True), 1):
+    texts = (("A", base, platform, "black"), ("B", platform, base, colour))
+    for letter, points, others, ink in texts if letters else ():
+        for k, (point, away) in enumerate(zip(points, _outward(points, others), strict=True), 1):
             options = {"ha": "center", "va": "center", "fontsize": "x-small", "color": ink, "zorder": 5}
             ax.annotate(f"${letter}_{k}$", point, textcoords="offset points", xytext=9 * away, **options)
-    word = {1: "> 0", -1: "< 0", 0: "= 0"}[sign]
-    angle = f"{pose[2]:.3f}".replace("-", "−")
-    ax.set_title(f"{number}:  $\\phi$ = {angle} rad,  det {word}", fontsize="small")
+    return platform
 
 
-def _outward(points: np.ndarray) -> np.ndarray:
-    """Returns unit vectors from the centre of the points to each."""
-    away = points - points.mean(axis=0)
-    return away / np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
-
-
-def _finish(ax: Axes) -> None:
+def finish(ax: Axes) -> None:
+    """Gives Axes with a drawn mechanism equal aspect, margins and labels."""
     ax.set_aspect("equal")
     ax.margins(0.12)
     ax.set_xlabel("x (length)")
     ax.set_ylabel("y (length)")
+
+
+def _draw(robot: Any, pose: np.ndarray, joints: ArrayLike, ax: Axes, number: int, *, overlaid: bool) -> None:
+    determinant = float(np.linalg.det(np.asarray(jacobians(robot, pose, joints).direct)))
+    sign = int(np.sign(determinant))
+    platform = draw_pose(robot, pose, ax, style.SIGN_COLOURS[sign], letters=not overlaid)
+    if overlaid:
+        centre = platform.mean(axis=0)
+        ax.text(centre[0], centre[1], str(number), ha="center", va="center", zorder=5)
+        return
+    word = {1: "> 0", -1: "< 0", 0: "= 0"}[sign]
+    ax.set_title(f"{number}:  $\\phi$ = {style.number(pose[2])} rad,  det {word}", fontsize="small")
+
+
+def _outward(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Returns unit vectors from the centre of the points to each, turned away from other points nearby."""
+    away = _unit(points - points.mean(axis=0))
+    apart = points[:, None] - others[None]
+    gaps = np.linalg.norm(apart, axis=-1, keepdims=True)
+    near = (gaps < _NEAR * np.ptp(np.concatenate([points, others]), axis=0).max()) & (gaps > 0)
+    return _unit(away + 2.0 * np.sum(np.where(near, apart / np.where(near, gaps, 1.0), 0.0), axis=1))
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)

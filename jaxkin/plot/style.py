@@ -31,12 +31,20 @@ COUNT_COLOURS = {
 #: Numbers without a colour of their own: odd ones, on singular surfaces.
 OTHER_COUNT = "#777777"
 
+#: Signs of the direct determinant.
+SIGN_COLOURS = {1: OKABE_ITO["blue"], -1: OKABE_ITO["vermillion"], 0: OKABE_ITO["black"]}
+
 _GREEK = ("rho", "phi", "theta", "sigma", "alpha", "beta", "psi")
 
 
 def count_colour(number: int) -> str:
     """Returns the colour of a number of solutions."""
     return COUNT_COLOURS.get(number, OTHER_COUNT)
+
+
+def number(value: float) -> str:
+    """Returns a number with three decimals and a proper minus sign."""
+    return f"{value + 0.0:.3f}".replace("-", "−")
 
 
 def symbol(name: str) -> str:

@@ -15,6 +15,7 @@ from mpl_toolkits.mplot3d.art3d import Line3DCollection, Poly3DCollection
 
 from jaxkin.core.errors import InputError
 from jaxkin.plot import style
+from jaxkin.plot.shading import shaded
 
 if TYPE_CHECKING:
     from jaxkin.mapping.meshes import SingularSurfaces
@@ -23,10 +24,6 @@ if TYPE_CHECKING:
 _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "green", "purple", "orange", "blue", "yellow"))
 #: Share of colour of the nearest surface at each point of the picture; the farthest one has the rest.
 _OPACITY = 0.88
-#: Where the light comes from, in the coordinates of the drawn box.
-_LIGHT = np.array([0.3, -0.75, 0.6])
-#: Share of colour that needs no light, and of white that full light adds.
-_AMBIENT, _GLOSS = 0.62, 0.14
 #: Elevation and azimuth of the view, degrees.
 _VIEW = (22.0, -52.0)
 
@@ -106,7 +103,7 @@ def _triangles(ax: Axes3D, surfaces: "SingularSurfaces", free: list[int], box: n
         colour = np.array(to_rgb(_COLOURS[number % len(_COLOURS)]))
         triangles = surface.vertices[:, free][surface.faces]
         corners.append(triangles)
-        colours.append(_shaded(colour, triangles * scale))
+        colours.append(shaded(colour, triangles * scale))
         handles.append(Patch(facecolor=tuple(colour), label=_label(surface.name)))
     triangles, paint = np.concatenate(corners), np.concatenate(colours)
     for zorder in (1, 2):
@@ -137,15 +134,6 @@ def _label(name: str) -> str:
     if name.startswith("det"):
         return name.replace("det", "det = 0", 1)
     return f"{style.symbol(name)} = 0"
-
-
-def _shaded(colour: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Returns a colour for every triangle, darker where its plane turns away from the light, the same on both sides."""
-    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    length = np.linalg.norm(normal, axis=1)
-    facing = np.abs(normal @ _LIGHT) / np.where(length > 0, length, 1.0) / np.linalg.norm(_LIGHT)
-    facing = facing[:, None]
-    return np.clip((_AMBIENT + (1 - _AMBIENT) * facing) * colour * (1 - _GLOSS * facing) + _GLOSS * facing, 0.0, 1.0)
 
 
 def _lines(ax: Axes3D, segments: np.ndarray, **options: object) -> None:
