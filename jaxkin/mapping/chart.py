@@ -62,7 +62,9 @@ UNKNOWN, LINEAR, SQUARE = 0, 1, 2
 class Chart:
     """The structure of a section's equations; hashable, so that one compilation serves all numbers.
 
-    Points u are dimensionless: the pose in its units, then the free joints that are unknowns in theirs.
+    Points u are dimensionless: the pose in its units, then the free joints that are unknowns in theirs. The methods
+    are jitted although they only stand inside other kernels: JAX then derives their derivatives once, not at every use,
+    which is most of the time that a first call takes.
 
     Attributes:
         n_pose: Number of pose coordinates, and of equations.
@@ -94,17 +96,20 @@ class Chart:
             joints = joints + data.free_joint[k] * (u[self.n_pose + place] * data.free_unit[k])
         return u[: self.n_pose] * data.pose_unit, joints
 
+    @partial(jax.jit, static_argnums=0)
     def section(self, data: SectionData, u: Array) -> Array:
         """Returns the equations that keep u on the section, dimensionless."""
         values = data.robot.constraints(*self.configuration(data, u)) / data.row_scale
         return picked(data.kept_row, values)
 
+    @partial(jax.jit, static_argnums=0)
     def matrix(self, data: SectionData, u: Array) -> Array:
         """Returns A = dF/dpose, dimensionless, ``(n, n)``."""
         pose, joints = self.configuration(data, u)
         direct = jax.jacfwd(data.robot.constraints)(pose, joints)
         return direct * data.pose_unit[None, :] / data.matrix_scale[:, None]
 
+    @partial(jax.jit, static_argnums=0)
     def determinant(self, data: SectionData, u: Array) -> Array:
         """Returns det A, dimensionless, a polynomial of the entries."""
         return expanded_determinant(self.matrix(data, u))
@@ -121,6 +126,7 @@ class Chart:
         """Returns the equations of the singular curve: section and determinant."""
         return jnp.append(self.section(data, u), self.determinant(data, u))
 
+    @partial(jax.jit, static_argnums=0)
     def kernel(self, data: SectionData, u: Array) -> Array:
         """Returns the largest column of the adjugate of A: where det A = 0, a direction with A v = 0.
 
@@ -130,6 +136,7 @@ class Chart:
         best = jnp.argmax(jnp.sum(adjugate * adjugate, axis=0))
         return adjugate[:, best]
 
+    @partial(jax.jit, static_argnums=0)
     def fold_rate(self, data: SectionData, u: Array) -> Array:
         """Returns the change of det A along its kernel, which vanishes at cusps (and where det A crosses itself)."""
         direction = jnp.concatenate([self.kernel(data, u), jnp.zeros(len(self.unknown))])
@@ -161,6 +168,7 @@ class Chart:
             return -row(zero) / jax.grad(row)(zero)
         return -2 * row(zero) / jax.grad(jax.grad(row))(zero)
 
+    @partial(jax.jit, static_argnums=0)
     def joints(self, data: SectionData, u: Array) -> Array:
         """Returns all joint values, ``(n_joint,)``."""
         joints = data.fixed
@@ -173,6 +181,7 @@ class Chart:
         """Returns the pose in its own units, angles as they come."""
         return u[: self.n_pose] * data.pose_unit
 
+    @partial(jax.jit, static_argnums=0)
     def margins(self, data: SectionData, u: Array) -> Array:
         """Returns four smooth functions, not negative inside the box: first axis low, high, then the second's.
 
@@ -189,6 +198,7 @@ class Chart:
                 parts += [(value - low) / unit, (high - value) / unit]
         return jnp.stack(parts)
 
+    @partial(jax.jit, static_argnums=0)
     def tangent(self, data: SectionData, u: Array) -> Array:
         """Returns the oriented direction of the singular curve, not normalised; zero at a crossing."""
         return null_vector(jax.jacfwd(partial(self.singular, data))(u))
