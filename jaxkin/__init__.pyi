@@ -27,12 +27,12 @@ from .mapping.cusps import cusps as cusps
 from .mapping.fold import Fold as Fold
 from .mapping.fold import fold as fold
 from .mapping.loci import singular_curves as singular_curves
+from .mapping.meshes import SingularSurfaces as SingularSurfaces
+from .mapping.meshes import Surface as Surface
 from .mapping.records import Crossings as Crossings
 from .mapping.records import Curve as Curve
 from .mapping.records import Cusps as Cusps
 from .mapping.records import SingularCurves as SingularCurves
-from .mapping.meshes import SingularSurfaces as SingularSurfaces
-from .mapping.meshes import Surface as Surface
 from .mapping.surfaces import singular_surfaces as singular_surfaces
 from .sweep import fields as fields
 from .sweep.engine import sweep as sweep
