@@ -7,6 +7,7 @@ import matplotlib
 from matplotlib.figure import Figure, SubFigure
 
 import jaxkin as jk
+from jaxkin.papers.report import Part
 
 
 def start(number: str, description: str | None) -> Path:
@@ -27,3 +28,11 @@ def save(figure: Figure | SubFigure | None, folder: Path, name: str) -> None:
         path = folder / f"{name}.{suffix}"
         figure.savefig(path, dpi=200)
         print(path)
+
+
+def finish(folder: Path, part: Part) -> None:
+    """Prints what a part of a paper's reproduction checked, and writes its figures and tables."""
+    print(part)
+    for name, content in part.contents().items():
+        (folder / name).write_bytes(content)
+        print(folder / name)

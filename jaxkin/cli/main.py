@@ -7,6 +7,7 @@ import click
 from jaxkin import __version__
 from jaxkin.cli.map import map_command
 from jaxkin.cli.points import forward_command, inverse_command
+from jaxkin.cli.reproduce import reproduce_command
 from jaxkin.cli.sections import cusps_command, loci_command
 
 
@@ -38,6 +39,7 @@ cli.add_command(forward_command)
 cli.add_command(map_command)
 cli.add_command(loci_command)
 cli.add_command(cusps_command)
+cli.add_command(reproduce_command)
 
 
 def main(arguments: list[str] | None = None) -> None:

@@ -1,9 +1,12 @@
-"""Unrolled 3x3 algebra against numpy.linalg."""
+"""Unrolled algebra of small matrices against numpy.linalg, and laws that hold for singular ones too."""
 
+import flint
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from jaxkin.numerics import small_linalg
 
@@ -80,3 +83,88 @@ def test_singular_extremes_of_special_matrices():
     smallest, largest = extremes(rows(special))
     np.testing.assert_allclose(smallest, [0, 1, 1, 0, 0, 1], atol=1e-15)
     np.testing.assert_allclose(largest, [0, 1, 2, 3, 3, 1], rtol=1e-14)
+
+
+sizes = st.integers(1, 5)
+seeds = st.integers(0, 10_000)
+
+
+def of_rank(rng, n, rank):
+    """A random matrix of a rank, with singular values of order one."""
+    left, right = (np.linalg.qr(rng.normal(size=(n, n)))[0] for _ in range(2))
+    return left @ np.diag(np.where(np.arange(n) < rank, rng.uniform(0.5, 2, n), 0.0)) @ right
+
+
+null_vector = jax.jit(small_linalg.null_vector)
+solved = jax.jit(small_linalg.pivoted_solve)
+determinant_by_size = jax.jit(small_linalg.expanded_determinant)
+determinant_slope = jax.jit(jax.grad(small_linalg.expanded_determinant))
+
+
+@given(sizes, seeds)
+def test_expanded_determinant(n, seed):
+    matrix = np.random.default_rng(seed).normal(size=(n, n))
+    bound = np.prod(np.linalg.norm(matrix, axis=1))
+    assert abs(float(determinant_by_size(matrix)) - np.linalg.det(matrix)) < 1e-13 * bound
+
+
+def test_expanded_determinant_of_whole_numbers_is_exact():
+    matrix = np.random.default_rng(0).integers(-9, 10, (8, 8))
+    exact = int(flint.fmpz_mat(matrix.tolist()).det())
+    assert float(small_linalg.expanded_determinant(jnp.asarray(matrix, float))) == exact
+
+
+@given(st.integers(2, 5), seeds, st.data())
+def test_the_derivative_of_the_determinant_is_the_cofactors_at_any_rank(n, seed, data):
+    rng, rank = np.random.default_rng(seed), data.draw(st.integers(0, n))
+    matrix = of_rank(rng, n, rank)
+    slope = np.asarray(determinant_slope(matrix))
+    cofactors = np.array(
+        [
+            [(-1) ** (i + j) * np.linalg.det(np.delete(np.delete(matrix, i, 0), j, 1)) for j in range(n)]
+            for i in range(n)
+        ]
+    )
+    np.testing.assert_allclose(slope, cofactors, atol=1e-12)
+    np.testing.assert_allclose(matrix @ slope.T, np.linalg.det(matrix) * np.eye(n), atol=1e-12)
+    if rank < n - 1:
+        assert np.max(np.abs(slope)) < 1e-12
+    elif rank == n - 1:  # The adjugate then spans the kernel.
+        assert np.max(np.abs(slope)) > 1e-3
+
+
+@given(st.integers(2, 5), seeds)
+def test_null_vector(n, seed):
+    rows_ = np.random.default_rng(seed).normal(size=(n - 1, n))
+    vector = np.asarray(null_vector(rows_))
+    np.testing.assert_allclose(rows_ @ vector, 0, atol=1e-12)
+    whole = np.linalg.det(np.vstack([rows_, vector]))
+    np.testing.assert_allclose(whole, vector @ vector, rtol=1e-9)
+    assert vector @ vector > 0
+
+
+def test_null_vector_in_three_dimensions_is_the_cross_product_and_vanishes_for_dependent_rows():
+    a, b = np.array([1.0, 2.0, 3.0]), np.array([-4.0, 0.5, 2.0])
+    np.testing.assert_allclose(small_linalg.null_vector(jnp.stack([a, b])), np.cross(a, b), rtol=1e-15)
+    np.testing.assert_array_equal(small_linalg.null_vector(jnp.stack([a, 2 * a])), 0.0)
+    np.testing.assert_array_equal(small_linalg.null_vector(jnp.zeros((0, 1))), [1.0])
+
+
+@given(sizes, seeds)
+def test_pivoted_solve(n, seed):
+    rng = np.random.default_rng(seed)
+    matrix, x = of_rank(rng, n, n), rng.normal(size=n)
+    found = solved(matrix, matrix @ x)
+    np.testing.assert_allclose(found, x, atol=1e-12)
+
+
+def test_pivoted_solve_needs_its_pivots():
+    matrix = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 2.0], [4.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(small_linalg.pivoted_solve(matrix, jnp.array([1.0, 2.0, 4.0])), [1, 1, 1])
+    tiny = np.array([[1e-20, 1.0], [1.0, 1.0]])
+    np.testing.assert_allclose(small_linalg.pivoted_solve(tiny, jnp.array([1.0, 2.0])), [1, 1], rtol=1e-15)
+
+
+def test_pivoted_solve_of_a_singular_system_is_not_finite():
+    matrix = jnp.array([[1.0, 2.0], [2.0, 4.0]])
+    assert not np.all(np.isfinite(small_linalg.pivoted_solve(matrix, jnp.array([1.0, 0.0]))))

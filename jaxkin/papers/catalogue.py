@@ -1,0 +1,46 @@
+"""The papers that the command line knows; imports a paper's file only when it is reproduced."""
+
+import difflib
+from dataclasses import dataclass
+
+from jaxkin.core.errors import InputError
+
+
+@dataclass(frozen=True)
+class Paper:
+    """A paper that is reproduced.
+
+    Attributes:
+        title: Its title.
+        source: Authors, year, place, and where to find it.
+        module: File with the function ``reproduce``.
+        mechanism: Mechanism of the catalogue whose geometry may be changed.
+    """
+
+    title: str
+    source: str
+    module: str
+    mechanism: str
+
+
+PAPERS: dict[str, Paper] = {
+    "wenger-chablat-2009": Paper(
+        title="Kinematic analysis of a class of analytic planar 3-RPR parallel manipulators",
+        source="Wenger, P. and Chablat, D., Computational Kinematics, 2009, hal-00412923",
+        module="jaxkin.papers.wenger_chablat_2009",
+        mechanism="rpr3-analytic",
+    ),
+}
+
+
+def find(name: str) -> Paper:
+    """Returns a paper by name.
+
+    Raises:
+        InputError: It is unknown.
+    """
+    if name not in PAPERS:
+        close = difflib.get_close_matches(name, PAPERS, n=1)
+        hint = f"; did you mean {close[0]!r}?" if close else "."
+        raise InputError(f"There is no paper {name!r}: choose one of {', '.join(PAPERS)}{hint}")
+    return PAPERS[name]

@@ -1,0 +1,97 @@
+"""Sections of the joint space of 3-RPR robots, and mechanisms with a determinant of one's choice, shared by the tests."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+
+import jaxkin as jk
+from jaxkin.mechanisms import rpr3
+
+#: Certified cusps and exact numbers of components, see ``oracles/rpr3_sections.py``.
+SECTIONS = json.loads((Path(__file__).parent / "data" / "rpr3_sections.json").read_text())["sections"]
+
+
+def section(axis: int, value: float, high: float = 6.0, low: float = 0.0, n: int = 400) -> jk.Grid:
+    """Returns the section of a 3-RPR with one leg (0, 1 or 2) fixed."""
+    return jk.Grid(**{f"rho{k + 1}": value if k == axis else (low, high, n) for k in range(3)})
+
+
+def stored(entry: dict[str, Any]) -> tuple[rpr3.GeneralRPR3, jk.Grid]:
+    """Returns robot and section of an entry of ``SECTIONS``; the section holds every joint value that is reached."""
+    size = sum(abs(entry["geometry"][name]) for name in ("c2", "c3", "d3", "l2", "l3"))
+    grid = section(entry["fixed_axis"] - 1, entry["fixed_value"], 2 * (size + entry["fixed_value"]))
+    return rpr3.general(**entry["geometry"]), grid
+
+
+def rows(entry: dict[str, Any], name: str) -> np.ndarray:
+    """Returns the cusps' joints ("rho") or poses ("pose") of an entry."""
+    return np.array([cusp[name] for cusp in entry["cusps"]]).reshape(-1, 3)
+
+
+@jax.jit
+def _closing(robot: Any, poses: Array, joints: Array) -> tuple[Array, Array]:
+    def one(pose: Array, q: Array) -> tuple[Array, Array]:
+        length, terms = robot.characteristic_length(), robot.constraint_scales(pose, q)
+        direct = jk.jacobians(robot, pose, q).direct
+        units = jnp.stack([jnp.ones(()) if axis.is_angle else length for axis in robot.pose_axes])
+        direct = direct * units / terms[:, None]
+        bound = jnp.prod(jnp.maximum(jnp.linalg.norm(direct, axis=1), 1e-3))
+        return jnp.max(jnp.abs(jk.constraints(robot, pose, q)) / terms), jnp.abs(jnp.linalg.det(direct)) / bound
+
+    return jax.vmap(one)(poses, joints)
+
+
+def residuals(robot: jk.Mechanism, poses: np.ndarray, joints: np.ndarray) -> tuple[float, float]:
+    """Returns the largest dimensionless residual of the constraints, and of the determinant, over many points."""
+    room = max(1024, 1 << (len(poses) - 1).bit_length())
+    found = _closing(robot, jnp.asarray(np.resize(poses, (room, poses.shape[1]))), np.resize(joints, (room, 3)))
+    return float(found[0].max()), float(found[1].max())
+
+
+def steps(curve: jk.Curve, length: float) -> np.ndarray:
+    """Returns the distances between neighbours in pose space, angles the short way; from last to first if closed."""
+    following = np.roll(curve.poses, -1, axis=0) - curve.poses
+    following[:, 2] = (following[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    sizes = np.linalg.norm(following / [length, length, 1.0], axis=1)
+    return sizes if curve.closed else sizes[:-1]
+
+
+def polyline_distance(points: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Returns the distance of points ``(n, d)`` from a broken line ``(k, d)``."""
+    start, chord = line[:-1], np.diff(line, axis=0)
+    size = np.maximum(np.sum(chord**2, axis=1), 1e-300)
+    best = np.full(len(points), np.inf)
+    for some in np.array_split(np.arange(len(points)), 1 + len(points) // 256):
+        share = np.clip(np.sum((points[some, None] - start) * chord, axis=2) / size, 0, 1)
+        foot = start + share[..., None] * chord
+        best[some] = np.min(np.linalg.norm(points[some, None] - foot, axis=2), axis=1)
+    return best
+
+
+def image(curve: jk.Curve, free: list[int]) -> np.ndarray:
+    """Returns the curve in the plane of the free joints, closed curves with their first point repeated."""
+    points = curve.joints[:, free]
+    return np.concatenate([points, points[:1]]) if curve.closed else points
+
+
+def mechanism_with(surface: Callable[[Array, Array, Array], Array], name: str) -> Callable[[float], jk.Mechanism]:
+    """Returns a mechanism q1 = x, q2 = surface(x, y, a), whose determinant is the derivative of the surface by y."""
+
+    @jk.mechanism
+    class Sheet(jk.Mechanism):
+        id = name
+        pose_axes = (jk.Axis("x", "length", -2.0, 2.0), jk.Axis("y", "length", -2.0, 2.0))
+        joint_axes = (jk.Axis("q1", "length", -9.0, 9.0), jk.Axis("q2", "length", -9.0, 9.0))
+
+        a: Array
+
+        def constraints(self, pose: Array, joints: Array) -> Array:
+            return jnp.stack([joints[0] - pose[0], joints[1] - surface(pose[0], pose[1], self.a)])
+
+    return lambda a: Sheet(jnp.asarray(float(a)))
