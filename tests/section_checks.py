@@ -1,7 +1,6 @@
-"""Sections of the joint space of 3-RPR robots, and mechanisms with a determinant of one's choice, shared by the tests."""
+"""Sections of the joint space of 3-RPR robots, and a mechanism with a determinant of one's choice, shared by the tests."""
 
 import json
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -38,20 +37,22 @@ def rows(entry: dict[str, Any], name: str) -> np.ndarray:
 def _closing(robot: Any, poses: Array, joints: Array) -> tuple[Array, Array]:
     def one(pose: Array, q: Array) -> tuple[Array, Array]:
         length, terms = robot.characteristic_length(), robot.constraint_scales(pose, q)
-        direct = jk.jacobians(robot, pose, q).direct
         units = jnp.stack([jnp.ones(()) if axis.is_angle else length for axis in robot.pose_axes])
-        direct = direct * units / terms[:, None]
-        bound = jnp.prod(jnp.maximum(jnp.linalg.norm(direct, axis=1), 1e-3))
-        return jnp.max(jnp.abs(jk.constraints(robot, pose, q)) / terms), jnp.abs(jnp.linalg.det(direct)) / bound
+        return jnp.max(jnp.abs(jk.constraints(robot, pose, q)) / terms), jk.jacobians(robot, pose, q).direct * units
 
-    return jax.vmap(one)(poses, joints)
+    closing, direct = jax.vmap(one)(poses, joints)
+    sizes = jnp.linalg.norm(direct, axis=2)
+    # Against the rows' lengths; those of a leg that almost vanishes count as a hundredth of the usual one.
+    bound = jnp.prod(jnp.maximum(sizes, 1e-2 * jnp.median(sizes, axis=0)), axis=1)
+    return jnp.max(closing), jnp.max(jnp.abs(jnp.linalg.det(direct)) / bound)
 
 
 def residuals(robot: jk.Mechanism, poses: np.ndarray, joints: np.ndarray) -> tuple[float, float]:
     """Returns the largest dimensionless residual of the constraints, and of the determinant, over many points."""
-    room = max(1024, 1 << (len(poses) - 1).bit_length())
-    found = _closing(robot, jnp.asarray(np.resize(poses, (room, poses.shape[1]))), np.resize(joints, (room, 3)))
-    return float(found[0].max()), float(found[1].max())
+    room = max(2048, 1 << (len(poses) - 1).bit_length())
+    padded = (jnp.asarray(np.resize(a, (room, a.shape[1]))) for a in (poses, joints))
+    closing, singular = _closing(robot, *padded)
+    return float(closing), float(singular)
 
 
 def steps(curve: jk.Curve, length: float) -> np.ndarray:
@@ -80,18 +81,24 @@ def image(curve: jk.Curve, free: list[int]) -> np.ndarray:
     return np.concatenate([points, points[:1]]) if curve.closed else points
 
 
-def mechanism_with(surface: Callable[[Array, Array, Array], Array], name: str) -> Callable[[float], jk.Mechanism]:
-    """Returns a mechanism q1 = x, q2 = surface(x, y, a), whose determinant is the derivative of the surface by y."""
+@jk.mechanism
+class Sheet(jk.Mechanism):
+    """q1 = x, q2 = a polynomial of x and y: its determinant is the polynomial's derivative by y."""
 
-    @jk.mechanism
-    class Sheet(jk.Mechanism):
-        id = name
-        pose_axes = (jk.Axis("x", "length", -2.0, 2.0), jk.Axis("y", "length", -2.0, 2.0))
-        joint_axes = (jk.Axis("q1", "length", -9.0, 9.0), jk.Axis("q2", "length", -9.0, 9.0))
+    pose_axes = (jk.Axis("x", "length", -2.0, 2.0), jk.Axis("y", "length", -2.0, 2.0))
+    joint_axes = (jk.Axis("q1", "length", -9.0, 9.0), jk.Axis("q2", "length", -9.0, 9.0))
 
-        a: Array
+    coefficients: Array
 
-        def constraints(self, pose: Array, joints: Array) -> Array:
-            return jnp.stack([joints[0] - pose[0], joints[1] - surface(pose[0], pose[1], self.a)])
+    def constraints(self, pose: Array, joints: Array) -> Array:
+        x, y = (jnp.stack([jnp.ones(()), v, v**2, v**3, v**4]) for v in pose)
+        return jnp.stack([joints[0] - pose[0], joints[1] - x @ self.coefficients @ y])
 
-    return lambda a: Sheet(jnp.asarray(float(a)))
+
+def sheet(terms: dict[tuple[int, int], float]) -> Sheet:
+    """Returns the mechanism whose q2 is the sum of terms[i, j] x^i y^j, and x (no row of A ever vanishes)."""
+    coefficients = np.zeros((5, 5))
+    for (i, j), value in terms.items():
+        coefficients[i, j] = value
+    coefficients[1, 0] += 1
+    return Sheet(jnp.asarray(coefficients))
