@@ -8,15 +8,12 @@ import numpy as np
 from jax import Array
 
 import jaxkin as jk
-from jaxkin.mechanisms import rpr3, rpr3_closed_forms
+from jaxkin.mechanisms import rpr3
 from jaxkin.papers import _wc2009_print as printed
-from jaxkin.papers._compiled import counts_at, cusp_edges, forms_at, section_cusps
+from jaxkin.papers._compiled import counts_at, forms_at
+from jaxkin.papers._wc2009_equation_8 import cusp_equation
+from jaxkin.papers._wc2009_samples import ROUNDING, SAMPLES, SEED, at_random, off_by, random_geometries, random_poses
 from jaxkin.papers.report import Check, Part, Table, count_check
-
-SEED = 2009
-_SAMPLES = 500
-#: Allowed differences are of a few roundings, of the largest magnitude met.
-_ROUNDING = 1e-12
 
 
 def equations() -> Part:
@@ -25,8 +22,8 @@ def equations() -> Part:
     Cost: 5 s, of which most is compilation.
     """
     rng = np.random.default_rng(SEED)
-    roots, roots_table = _cusp_equation_roots()
     counts, counts_table = _counts(rng)
+    eighth = cusp_equation()
     checks = (
         *_constraints(rng),
         *_lines(rng),
@@ -35,80 +32,53 @@ def equations() -> Part:
         *_determinant(rng),
         *_quartic(rng),
         *_conics(rng),
-        *_cusp_equation(rng),
-        *roots,
-        _always_cusps(rng),
+        *eighth.checks,
     )
-    return Part("Equations", checks, tables={"solutions": counts_table, "equation_8": roots_table})
-
-
-def cusp_equation() -> Part:
-    """Checks Eq. (8) alone, with a table of its roots."""
-    roots, table = _cusp_equation_roots()
-    return Part("Eq. (8)", (*_cusp_equation(np.random.default_rng(SEED)), *roots), tables={"equation_8": table})
-
-
-def _off(one: Any, other: Any) -> float:
-    """Returns the largest difference, relative to the largest magnitude of the other."""
-    return float(np.max(np.abs(np.asarray(one) - np.asarray(other))) / np.max(np.abs(np.asarray(other))))
-
-
-def _random_geometries(rng: np.random.Generator, size: int = _SAMPLES) -> tuple[np.ndarray, ...]:
-    signs = rng.choice([-1.0, 1.0], (2, size))
-    return signs[0] * rng.uniform(0.5, 2, size), rng.uniform(-2, 2, size), signs[1] * rng.uniform(0.3, 2, size)
-
-
-def _random_poses(rng: np.random.Generator, size: int = _SAMPLES) -> tuple[np.ndarray, ...]:
-    # Away from phi = pi, where t = tan(phi/2) has no value.
-    return rng.uniform(-3, 3, size), rng.uniform(-3, 3, size), rng.uniform(-3, 3, size)
-
-
-def _at(where: str) -> str:
-    return f"at {_SAMPLES} random {where}"
+    return Part("Equations", checks, tables={"solutions": counts_table, **eighth.tables})
 
 
 def _constraints(rng: np.random.Generator) -> list[Check]:
-    c2, c3, d3 = _random_geometries(rng)
-    geometry = (c2, c3, d3, rng.uniform(0.3, 2, _SAMPLES), rng.uniform(0.3, 2, _SAMPLES), rng.uniform(-3, 3, _SAMPLES))
-    poses, rho = _random_poses(rng), rng.uniform(0, 4, (3, _SAMPLES))
+    c2, c3, d3 = random_geometries(rng)
+    geometry = (c2, c3, d3, rng.uniform(0.3, 2, SAMPLES), rng.uniform(0.3, 2, SAMPLES), rng.uniform(-3, 3, SAMPLES))
+    poses, rho = random_poses(rng), rng.uniform(0, 4, (3, SAMPLES))
     robots = rpr3.general(*geometry)
     found = _constraint_values(robots, np.stack(poses, 1), rho.T)
     expected = np.stack(printed.squared_lengths(geometry, poses), 1) - rho.T**2
-    what = f"equations of the general robot {_at('geometries and poses')}, largest difference over largest value"
-    return [Check("eq1-3", "Eqs. (1)-(3)", what, "as printed", "equal", _off(found, expected), _ROUNDING)]
+    what = f"equations of the general robot {at_random('geometries and poses')}, largest difference over largest value"
+    return [Check("eq1-3", "Eqs. (1)-(3)", what, "as printed", "equal", off_by(found, expected), ROUNDING)]
 
 
 def _lines(rng: np.random.Generator) -> list[Check]:
-    c2, c3, d3 = _random_geometries(rng)
-    geometry = (c2, c3, d3, rng.uniform(0.3, 2, _SAMPLES), rng.uniform(0.3, 2, _SAMPLES), rng.uniform(-3, 3, _SAMPLES))
-    (x, y, phi), rho = _random_poses(rng), tuple(rng.uniform(0, 4, (3, _SAMPLES)))
+    c2, c3, d3 = random_geometries(rng)
+    geometry = (c2, c3, d3, rng.uniform(0.3, 2, SAMPLES), rng.uniform(0.3, 2, SAMPLES), rng.uniform(-3, 3, SAMPLES))
+    (x, y, phi), rho = random_poses(rng), tuple(rng.uniform(0, 4, (3, SAMPLES)))
     squares = printed.squared_lengths(geometry, (x, y, phi))
     r, s, q, u, v, w = printed.lines(geometry, phi, rho)
     legs = [square - value**2 for square, value in zip(squares, rho, strict=True)]
     found = np.stack([r * x + s * y + q, u * x + v * y + w])
     expected = np.stack([legs[1] - legs[0], legs[2] - legs[0]])
-    what = f"legs 2 and 3 minus leg 1 are linear in x and y, {_at('geometries and poses')}"
+    what = f"legs 2 and 3 minus leg 1 are linear in x and y, {at_random('geometries and poses')}"
     note = "R to W are not printed; derived here"
     checks = [
-        Check("eq4-5", "Eqs. (4), (5)", what, "Rx+Sy+Q, Ux+Vy+W", "equal", _off(found, expected), _ROUNDING, note)
+        Check("eq4-5", "Eqs. (4), (5)", what, "Rx+Sy+Q, Ux+Vy+W", "equal", off_by(found, expected), ROUNDING, note)
     ]
 
     family = printed.mirrored((c2, c3, d3))
     r, s, q, u, v, w = printed.lines(family, phi, rho)
     size = np.max(np.abs(r * v) + np.abs(s * u))
-    what = f"RV - SU on the analytic family, {_at('members and angles')}, over its terms"
+    what = f"RV - SU on the analytic family, {at_random('members and angles')}, over its terms"
     worst = float(np.max(np.abs(r * v - s * u)) / size)
-    checks.append(Check("eq6", "Eq. (6)", what, "0", f"{worst:.1e}", worst, _ROUNDING))
+    checks.append(Check("eq6", "Eq. (6)", what, "0", f"{worst:.1e}", worst, ROUNDING))
 
     t = np.tan(phi / 2)
     cubic, _ = printed.value_at(printed.cubic((c2, c3, d3), rho), t)
     square = (1 + t * t) ** 2
     found = np.stack([s * w - v * q, r * w - u * q])
     expected = np.stack([-4 * cubic / square, 4 * t * cubic / square])
-    what = f"SW - VQ = -4 P/(1+t^2)^2 and RW - UQ = 4 t P/(1+t^2)^2, {_at('members, angles and lengths')}"
+    what = f"SW - VQ = -4 P/(1+t^2)^2 and RW - UQ = 4 t P/(1+t^2)^2, {at_random('members, angles and lengths')}"
     note = "so RW - UQ has the root t = 0 besides, where SW - VQ has none"
     checks.append(
-        Check("eq7-elimination", "Eq. (7)", what, "P is (7)", "equal", _off(found, expected), _ROUNDING, note)
+        Check("eq7-elimination", "Eq. (7)", what, "P is (7)", "equal", off_by(found, expected), ROUNDING, note)
     )
     return [*checks, _empty_line()]
 
@@ -122,12 +92,12 @@ def _empty_line() -> Check:
 
 
 def _characteristic_cubic(rng: np.random.Generator) -> list[Check]:
-    geometry, poses = _random_geometries(rng), _random_poses(rng)
+    geometry, poses = random_geometries(rng), random_poses(rng)
     rho = tuple(np.sqrt(s) for s in printed.squared_lengths(printed.mirrored(geometry), poses))
     value, size = printed.value_at(printed.cubic(geometry, rho), np.tan(poses[2] / 2))
     worst = float(np.max(np.abs(value) / size))
-    what = f"(7) at t of a pose and its lengths, {_at('members and poses')}, over its terms"
-    return [Check("eq7", "Eq. (7)", what, "0", f"{worst:.1e}", worst, _ROUNDING)]
+    what = f"(7) at t of a pose and its lengths, {at_random('members and poses')}, over its terms"
+    return [Check("eq7", "Eq. (7)", what, "0", f"{worst:.1e}", worst, ROUNDING)]
 
 
 def _counts(rng: np.random.Generator) -> tuple[list[Check], Table]:
@@ -183,7 +153,7 @@ def _by_roots(rho: tuple[float, ...]) -> tuple[int, int]:
 
 
 def _determinant(rng: np.random.Generator) -> list[Check]:
-    geometry, poses = _random_geometries(rng), _random_poses(rng)
+    geometry, poses = random_geometries(rng), random_poses(rng)
     robots = rpr3.analytic(geometry[0], geometry[1], geometry[2])
     points = np.stack(poses, axis=1)
     direct, own = _direct_and_factors(robots, points)
@@ -191,33 +161,33 @@ def _determinant(rng: np.random.Generator) -> list[Check]:
     f1, f2 = printed.factors(geometry, poses)
     t = np.tan(poses[2] / 2)
     expected = -16 * geometry[0] * f1 * f2 / (1 + t * t) ** 2
-    what = f"det dF/d(x, y, phi) by autodiff = -16 c2 f1 f2/(1+t^2)^2, {_at('members and poses')}"
-    checks = [Check("det", "f1, f2", what, "f1 f2 = 0", "equal", _off(determinant, expected), _ROUNDING)]
+    what = f"det dF/d(x, y, phi) by autodiff = -16 c2 f1 f2/(1+t^2)^2, {at_random('members and poses')}"
+    checks = [Check("det", "f1, f2", what, "f1 f2 = 0", "equal", off_by(determinant, expected), ROUNDING)]
 
     cosine = np.cos(poses[2] / 2)
     found, expected = np.stack([own["f1"], own["f2"]]), np.stack([f1 * cosine, f2 * cosine**3])
-    what = f"this package's factors, in sine and cosine of phi/2, {_at('members and poses')}"
-    checks.append(Check("factors", "f1, f2", what, "f1 C, f2 C^3", "equal", _off(found, expected), _ROUNDING))
+    what = f"this package's factors, in sine and cosine of phi/2, {at_random('members and poses')}"
+    checks.append(Check("factors", "f1, f2", what, "f1 C, f2 C^3", "equal", off_by(found, expected), ROUNDING))
 
     rho = tuple(np.sqrt(s) for s in printed.squared_lengths(printed.mirrored(geometry), poses))
     k3, k2, k1, _ = printed.cubic(geometry, rho)
     slope = (3 * k3 * t * t + 2 * k2 * t + k1) * (1 + t * t)
-    what = f"derivative of (7) = 4 c2 f2/(1+t^2), {_at('members and poses')}, over the largest value"
+    what = f"derivative of (7) = 4 c2 f2/(1+t^2), {at_random('members and poses')}, over the largest value"
     off = float(np.max(np.abs(slope - 4 * geometry[0] * f2)) / np.max(np.abs(slope)))
     note = "so f2 = 0 where (7) has a double root"
-    checks.append(Check("f2-slope", "f2, Eq. (7)", what, "not said", "equal", off, _ROUNDING, note))
+    checks.append(Check("f2-slope", "f2, Eq. (7)", what, "not said", "equal", off, ROUNDING, note))
     return checks
 
 
 def _quartic(rng: np.random.Generator) -> list[Check]:
-    robot, rho = rpr3.analytic(*printed.EXAMPLE), tuple(rng.uniform(0, 3, (3, _SAMPLES)))
+    robot, rho = rpr3.analytic(*printed.EXAMPLE), tuple(rng.uniform(0, 3, (3, SAMPLES)))
     true = forms_at(robot, np.stack(rho, 1))["S"]
     a, b, c, d = printed.cubic(printed.EXAMPLE, rho)
     discriminant = 18 * a * b * c * d - 4 * b**3 * d + (b * c) ** 2 - 4 * a * c**3 - 27 * (a * d) ** 2
     corrected = printed.quartic(rho, corrected=True)
-    off = max(_off(corrected, -discriminant / 4), _off(true, corrected))
-    what = f"S with three terms corrected = -discriminant of (7)/4 = this package's, {_at('lengths')}"
-    checks = [Check("S-discriminant", "S", what, "see errata", "equal", off, _ROUNDING)]
+    off = max(off_by(corrected, -discriminant / 4), off_by(true, corrected))
+    what = f"S with three terms corrected = -discriminant of (7)/4 = this package's, {at_random('lengths')}"
+    checks = [Check("S-discriminant", "S", what, "see errata", "equal", off, ROUNDING)]
 
     point = (np.sqrt(3.0), 1.0, 1.0)
     wrong, right = (float(printed.quartic(point, corrected=c)) for c in (False, True))
@@ -230,19 +200,19 @@ def _quartic(rng: np.random.Generator) -> list[Check]:
 
 
 def _conics(rng: np.random.Generator) -> list[Check]:
-    robot, rho = rpr3.analytic(*printed.EXAMPLE), tuple(rng.uniform(0, 3, (3, _SAMPLES)))
+    robot, rho = rpr3.analytic(*printed.EXAMPLE), tuple(rng.uniform(0, 3, (3, SAMPLES)))
     found = forms_at(robot, np.stack(rho, 1))
     checks = []
     for name, expected in printed.conics(rho).items():
-        what = f"this package's {name}, {_at('lengths')}"
-        checks.append(Check(name, name, what, "as printed", "equal", _off(found[name], expected), _ROUNDING))
-    x, _, phi = _random_poses(rng)
+        what = f"this package's {name}, {at_random('lengths')}"
+        checks.append(Check(name, name, what, "as printed", "equal", off_by(found[name], expected), ROUNDING))
+    x, _, phi = random_poses(rng)
     y = -x / np.tan(phi / 2)
     lengths = np.sqrt(np.stack(printed.squared_lengths(printed.mirrored(printed.EXAMPLE), (x, y, phi))))
     values = np.abs(list(printed.conics(tuple(lengths)).values()))
     worst = float(np.max(np.min(values, axis=0) / np.sum(lengths**2, axis=0)))
-    what = f"smallest of |Q1| to |Q4| at {_SAMPLES} random poses with f1 = 0, over the squared lengths"
-    checks.append(Check("Q-f1", "Q1 to Q4", what, "0", f"{worst:.1e}", worst, _ROUNDING))
+    what = f"smallest of |Q1| to |Q4| at {SAMPLES} random poses with f1 = 0, over the squared lengths"
+    checks.append(Check("Q-f1", "Q1 to Q4", what, "0", f"{worst:.1e}", worst, ROUNDING))
 
     rho = (1.3, 1.3, 2.1)
     smallest = float(min(abs(q) for q in printed.conics(rho).values()))
@@ -251,91 +221,6 @@ def _conics(rng: np.random.Generator) -> list[Check]:
     note = f"so their resultant vanishes, while no Q does (smallest {smallest:.2g}): K does"
     checks.append(Check("K", "text before Q1", what, "K is never 0", f"{constant:.1g}", constant, 1e-15, note))
     return checks
-
-
-def _cusp_equation(rng: np.random.Generator) -> list[Check]:
-    _, c, d = _random_geometries(rng)
-    rho1 = rng.uniform(0.1, 3, _SAMPLES)
-    robots = rpr3.analytic(np.ones(_SAMPLES), c, d)
-    found = np.asarray(_cusp_cubic(robots, rho1)).T
-    expected = np.stack(printed.cusp_cubic(c, d, rho1))
-    off = max(_off(one, other) for one, other in zip(found, expected, strict=True))
-    what = f"this package's cubic in R3, {_at('members with c2 = 1 and lengths')}, coefficient by coefficient"
-    note = "exponents restored, all printed numbers kept"
-    checks = [Check("eq8-restored", "Eq. (8)", what, "as printed", "equal", off, _ROUNDING, note)]
-
-    k3, k2, k1, _ = expected
-    peak = (-k2 - np.sqrt(k2**2 - 3 * k3 * k1)) / (3 * k3)  # The larger root of the derivative, as k3 < 0.
-    height, size = printed.value_at(tuple(expected), peak)
-    wrong = int(np.sum(~((peak > 0) & (height > -_ROUNDING * size))))
-    what = f"members and lengths, of {_SAMPLES}, where the derivative's larger root or the value there is negative"
-    checks.append(count_check("eq8-positive", "text after (8)", what, 0, wrong, f"smallest root {np.min(peak):.2g}"))
-
-    value = float(printed.cusp_cubic(0.0, 1.0, 1.0)[3])
-    what = "(8) at R3 = 0, rho1 = 1, example; the difference is that from -11/2"
-    checks.append(Check("eq8-zero", "text after (8)", what, "plus infinity", f"{value:.12g}", abs(value + 5.5), 1e-12))
-    return checks
-
-
-def _cusp_equation_roots() -> tuple[list[Check], Table]:
-    """Roots of (8) over lengths rho1 of the example, against the cusps of the sections rho1 = const."""
-    robot, rows, off, virtual = rpr3.analytic(*printed.EXAMPLE), [], 0.0, 0
-    edges = cusp_edges(robot)
-    for rho1 in (0.3, 0.34, 0.5, 1.0, 1.5, 2.5):
-        joints = section_cusps(robot, 0, rho1)[0]
-        roots = np.sort(np.roots([float(k) for k in printed.cusp_cubic(0.0, 1.0, rho1)]).real)
-        order = np.argsort(rho1**2 - edges.b)
-        expected = (rho1**2 - edges.b)[order]
-        off = max(off, float(np.max(np.abs(roots - expected))))
-        for root, k in zip(roots, order, strict=True):
-            physical = bool(np.isfinite(joints[k, 0]))
-            virtual += bool(root > 0 and not physical)
-            rows.append(
-                (
-                    rho1,
-                    float(root),
-                    float(np.degrees(edges.phi[k])),
-                    float(joints[k, 1]) if physical else None,
-                    float(joints[k, 2]) if physical else None,
-                    "cusp" if physical else "negative" if root <= 0 else "no cusp: rho2 or the pose is not real",
-                )
-            )
-    table = Table(
-        "Roots of Eq. (8), example",
-        ("rho1", "root R3 = rho3^2", "phi of its edge (deg)", "rho2", "rho3", "what it is"),
-        rows,
-    )
-    what = "roots of (8) at six lengths rho1 against the three cusp edges, example"
-    note = f"{virtual} of the positive roots are no cusps"
-    return [
-        Check("eq8-roots", "Eq. (8)", what, "roots", "equal", off, 1e-11, note),
-        Check(
-            "eq8-physical",
-            "text after (8)",
-            "positive roots that are no cusps, example at six lengths rho1; at least one is needed",
-            "none",
-            str(virtual),
-            0.0 if virtual else 1.0,
-            0.0,
-        ),
-    ], table
-
-
-def _always_cusps(rng: np.random.Generator) -> Check:
-    """Every member has cusps: on all three edges, once rho1 is long enough, (7) has a triple root with real lengths."""
-    c2, c3, d3 = geometry = _random_geometries(rng)
-    edges, worst = cusp_edges(rpr3.analytic(c2, c3, d3)), 0.0
-    sides = np.abs(c2) + np.abs(c3) + np.abs(d3)
-    for phi, a, b, h in zip(*(column.T for column in edges), strict=True):
-        r1 = 1 + np.max([h * h, a, b, 0 * a], axis=0)
-        k3, k2, k1, k0 = printed.cubic(geometry, (np.sqrt(r1), np.sqrt(r1 - a), np.sqrt(r1 - b)))
-        t = np.tan(phi / 2)
-        for polynomial in ((k3, k2, k1, k0), (3 * k3, 2 * k2, k1), (6 * k3, 2 * k2)):
-            # Over the terms of the coefficients, which cancel where the base triangle is small.
-            size = sides * (3 * r1 - a - b + 4 * sides**2) * (1 + np.abs(t)) ** (len(polynomial) - 1)
-            worst = max(worst, float(np.max(np.abs(printed.value_at(polynomial, t)[0]) / size)))
-    what = f"(7), its two derivatives on all three cusp edges, {_at('members')} and real lengths, over their terms"
-    return Check("always-cusps", "section on cusps", what, "always cusps", f"{worst:.1e}", worst, _ROUNDING)
 
 
 @jax.jit
@@ -349,6 +234,3 @@ def _direct_and_factors(robots: Any, poses: Array) -> tuple[Array, dict[str, Arr
         return jk.jacobians(robot, pose, jnp.ones(3)).direct, robot.factors(pose)
 
     return jax.vmap(one)(robots, poses)
-
-
-_cusp_cubic = jax.jit(rpr3_closed_forms.cusp_cubic)

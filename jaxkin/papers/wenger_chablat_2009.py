@@ -16,8 +16,10 @@ from typing import TYPE_CHECKING
 from jaxkin.core.provenance import run_log
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._reference_sections import compute_sections, reference_geometry
-from jaxkin.papers._wc2009_equations import SEED, cusp_equation, equations
+from jaxkin.papers._wc2009_equation_8 import cusp_equation
+from jaxkin.papers._wc2009_equations import equations
 from jaxkin.papers._wc2009_figures import figure_2, figure_3, figure_3_of, fold_over_cusp
+from jaxkin.papers._wc2009_samples import SEED
 from jaxkin.papers._wc2009_tables import cusp_tables
 from jaxkin.papers.catalogue import PAPERS
 from jaxkin.papers.report import Part, Report
