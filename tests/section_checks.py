@@ -1,4 +1,4 @@
-"""Sections of the joint space of 3-RPR robots, and a mechanism with a determinant of one's choice, shared by the tests."""
+"""Sections of the joint space of 3-RPR robots, and a mechanism with a determinant of choice, shared by tests."""
 
 import json
 from pathlib import Path

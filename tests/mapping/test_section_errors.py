@@ -27,11 +27,20 @@ both = pytest.mark.parametrize("name", list(CALLS))
 BAD_SECTIONS = {
     "no free axis": ({"rho1": 1.0, "rho2": 1.0, "rho3": 1.0}, ["no free axis", "(low, high, n)"]),
     "one free axis": ({"rho1": FREE, "rho2": 1.0, "rho3": 1.0}, ["1 free joint axis (rho1)", "two", "free another"]),
-    "three free axes": ({"rho1": FREE, "rho2": FREE, "rho3": FREE}, ["3 free joint axes", "rho1, rho2, rho3", "fix the"]),
+    "three free axes": (
+        {"rho1": FREE, "rho2": FREE, "rho3": FREE},
+        ["3 free joint axes", "rho1, rho2, rho3", "fix the"],
+    ),
     "an unknown axis": ({"rho1": FREE, "rho2": 1.0, "rho4": FREE}, ["'rho4'", "rho1, rho2, rho3"]),
     "a missing axis": ({"rho1": FREE, "rho2": FREE}, ["'rho3'", "fix it"]),
-    "a negative fixed length": ({"rho1": FREE, "rho2": -1.0, "rho3": FREE}, ["rho2 is fixed at -1", "limits 0 to inf"]),
-    "a fixed length of zero": ({"rho1": FREE, "rho2": 0.0, "rho3": FREE}, ["rho2 is fixed at 0", "zero length", "positive"]),
+    "a negative fixed length": (
+        {"rho1": FREE, "rho2": -1.0, "rho3": FREE},
+        ["rho2 is fixed at -1", "limits 0 to inf"],
+    ),
+    "a fixed length of zero": (
+        {"rho1": FREE, "rho2": 0.0, "rho3": FREE},
+        ["rho2 is fixed at 0", "zero length", "positive"],
+    ),
     "a free range below zero": (
         {"rho1": (-2.0, -1.0, 9), "rho2": 1.0, "rho3": FREE},
         ["rho1 goes from -2 to -1", "limits 0 to inf", "robot.limits"],
