@@ -37,9 +37,9 @@ def cusps(robot: Mechanism, section: Grid) -> Cusps:
     """Finds the cusps of a section of the joint space.
 
     A cusp is a singular pose at which det A does not change along the kernel of A: three assembly modes meet. All
-    roots of {section, det A = 0, grad det A . v = 0} are sought in pose space, from spread starts, and again as changes
-    of sign along the traced singular curves; both must agree. Points where grad det A vanishes solve the same
-    equations and are no cusps: there the singular set crosses itself.
+    roots of {section, det A = 0, grad det A . v = 0} are sought in pose space, from spread starts, and again as
+    changes of sign along the traced singular curves; what either finds is reported, and ``.evidence`` counts both.
+    Points where grad det A vanishes solve the same equations and are no cusps: there the singular set crosses itself.
 
     Args:
         robot: The mechanism.

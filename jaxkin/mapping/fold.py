@@ -26,7 +26,7 @@ class Fold:
 
     Attributes:
         joints: ``(n, n, n_joint)``.
-        poses: ``(n, n, n_pose)``, angles continuous over the patch.
+        poses: ``(n, n, n_pose)``, angles continuous over the patch; NaN where the surface bends back before.
         determinant: ``(n, n)`` det dF/dpose, dimensionless; its sign tells the sheets apart.
         fold_joints: ``(k, n_joint)`` along the singular curve through the pose.
         fold_poses: ``(k, n_pose)``.
@@ -143,6 +143,8 @@ def _patched(
         return u, jnp.max(jnp.abs(system(u))) < TOLERANCES.residual
 
     points = jax.vmap(lambda a: jax.vmap(lambda b: onto_surface(a, b))(grid))(grid)
+    missed = jax.vmap(jax.vmap(lambda u: jnp.max(jnp.abs(chart.section(data, u)), initial=0.0)))(points)
+    points = jnp.where((missed <= TOLERANCES.residual)[..., None], points, jnp.nan)
     determinant = jax.vmap(jax.vmap(partial(chart.determinant, data)))(points)
     curve, good = jax.vmap(onto_curve)(jnp.linspace(-radius, radius, 4 * samples))
     return points, determinant, curve, good

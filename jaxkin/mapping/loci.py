@@ -79,6 +79,10 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
 
 def _curve(section: Section, strand: Strand) -> Curve:
     joints, poses, residual = evaluated(section, _refined(section, strand))
+    for k, end in ((0, strand.start), (-1, strand.end)):
+        if end.kind == "border":  # Where the curve ends the joint is at its bound, not an ulp beside it.
+            side, which = end.number % 2, end.number // 2
+            joints[k, section.grid.free[which]] = (section.data.low, section.data.high)[side][which]
     return Curve(
         joints=joints,
         poses=poses,

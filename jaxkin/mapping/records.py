@@ -11,6 +11,11 @@ if TYPE_CHECKING:
     import xarray
 
 
+#: Entries of the evidence that are zero where all searches agree.
+DISAGREEMENTS = ("of these on no traced curve", "contradictory pieces", "cusp poses on no traced curve")
+_DOUBT = "  DOUBTFUL: the searches disagree; try more samples, another range, or a section a little apart"
+
+
 @dataclass(frozen=True)
 class Curve:
     """A piece of the singular set over a section, in order along the curve.
@@ -96,6 +101,11 @@ class SingularCurves(Sequence[Curve]):
         return iter(self.curves)
 
     @property
+    def complete(self) -> bool:
+        """False where the searches disagree or a tracer was lost: see ``evidence``. True is no proof."""
+        return not any(self.evidence.get(name) for name in DISAGREEMENTS)
+
+    @property
     def residual(self) -> float:
         """Largest dimensionless residual of all points."""
         return max((curve.residual for curve in self.curves), default=0.0)
@@ -120,7 +130,7 @@ class SingularCurves(Sequence[Curve]):
             for curve in self.curves
         ]
         lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
-        return "\n".join(lines)
+        return "\n".join(lines if self.complete else [*lines, _DOUBT])
 
     def to_dataset(self) -> "xarray.Dataset":
         """Returns all points in one table: dimension ``point``, with the number of their curve."""
@@ -219,6 +229,11 @@ class Cusps:
         """Number of distinct joint points."""
         return len(self.joints)
 
+    @property
+    def complete(self) -> bool:
+        """False where the searches disagree or a tracer was lost: see ``evidence``. True is no proof."""
+        return not any(self.evidence.get(name) for name in DISAGREEMENTS)
+
     def __str__(self) -> str:
         """A summary of a few lines."""
         lines = [f"{len(self)} cusps, {sum(map(len, self.poses))} triple poses"]
@@ -235,7 +250,7 @@ class Cusps:
             at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, other.joints, strict=True))
             lines.append(f"  no cusp, {other.kind}: {at}")
         lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
-        return "\n".join(lines)
+        return "\n".join(lines if self.complete else [*lines, _DOUBT])
 
     def to_json(self) -> str:
         """Returns everything as JSON text."""

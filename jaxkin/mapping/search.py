@@ -164,10 +164,9 @@ def _margins(chart: Chart, data: SectionData, u: Array) -> Array:
 
 
 def seeds_on_borders(section: Section, seeds: np.ndarray) -> np.ndarray:
-    """Returns points of the singular curves on the borders of the box, from seeds on the curves, ``(k, m)``."""
-    if len(seeds) == 0:
-        return seeds
-    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), 128)).astype(int)]
+    """Returns points of the singular curves on the borders of the box, ``(k, m)``, from seeds and from elsewhere."""
+    apart = starting_points(section, part=2)[: BLOCK // 4]
+    some = np.concatenate([seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), BLOCK // 4)).astype(int)], apart])
     edges = np.repeat(np.arange(4), len(some))
     u, good = border_points(section, np.tile(some, (4, 1)), edges)
     u = glued(section, u[good])

@@ -11,6 +11,7 @@ from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
+from jaxkin.core.tracing import is_traced
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.mapping.batch import BLOCK, over_points
 from jaxkin.mapping.chart import Chart, SectionData, chart_of
@@ -81,6 +82,8 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
         GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
     """
     checked_mechanism(who, robot)
+    if any(map(is_traced, jax.tree_util.tree_leaves(robot))) or jnp.ndim(robot.characteristic_length()) != 0:
+        raise InputError(f"{who} takes one robot with plain numbers: call it outside jit, vmap and grad, once a robot.")
     if not isinstance(grid, Grid):
         raise InputError(f"{who} got {grid!r} as its section: pass a jaxkin.Grid with two free joint axes.")
     bound = grid.bind(robot.joint_axes, "joint")
@@ -100,11 +103,10 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
     data = _numbers(robot, bound, picks, low, high, middle)
     _check_fixed(who, robot, bound)
     starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
-    period, region_low, region_high = _region(robot, bound, chart, data)
-    points = region_low + (region_high - region_low) * lattice(PARTS * starts, chart.dimension)
-    samples, missed = over_points(_onto_section, chart, data, points)
-    section = Section(robot, bound, chart, data, period, region_low, region_high, samples[missed <= 1e-9], starts)
-    if len(section.samples) == 0:
+    region = _region(robot, bound, chart, data)
+    samples = _samples(chart, data, region, starts)
+    section = Section(robot, bound, chart, data, *region, samples, starts)
+    if len(samples) == 0:
         raise InputError(
             f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
             "range; widen the free axes or fix the others elsewhere."
@@ -200,6 +202,27 @@ def _region(
         high.append(float(data.high[k]) / unit)
         period.append(np.inf if axis.period is None else axis.period / unit)
     return np.array(period), np.array(low), np.array(high)
+
+
+def _samples(
+    chart: Chart, data: SectionData, region: tuple[np.ndarray, np.ndarray, np.ndarray], starts: int
+) -> np.ndarray:
+    """Returns points spread over the section inside its box, ``(k, m)``.
+
+    The region is as wide as the free joints might allow. Starts from far away all arrive on one side of the section,
+    so that the box which the first points fill is filled anew.
+    """
+    period, low, high = region
+    unit, samples = lattice(PARTS * starts, chart.dimension), np.zeros((0, chart.dimension))
+    for _ in range(2):
+        found, missed = over_points(_onto_section, chart, data, low + (high - low) * unit)
+        samples = found[missed <= 1e-9]
+        if len(samples) == 0:
+            break
+        glued, slack = np.isfinite(period), 0.05 * np.ptp(samples, axis=0) + 1e-6
+        low = np.where(glued, low, np.maximum(low, np.min(samples, axis=0) - slack))
+        high = np.where(glued, high, np.minimum(high, np.max(samples, axis=0) + slack))
+    return samples
 
 
 def _onto_section(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:

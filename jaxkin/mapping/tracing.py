@@ -164,9 +164,11 @@ def _borders(section: Section, left: list[continuation.Piece]) -> dict[tuple[int
     inside = np.array([piece.points[-1] for piece in left])
     outside = np.array([piece.outside for piece in left])
     before, after = search.margins(section, inside), search.margins(section, outside)
-    edges = np.argmin(after, axis=1)
     rows = np.arange(len(left))
-    share = before[rows, edges] / (before[rows, edges] - after[rows, edges])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        shares = np.where(after < 0, before / (before - after), np.inf)
+    edges = np.argmin(shares, axis=1)  # The border that is crossed first.
+    share = shares[rows, edges]
     guesses = inside + np.clip(share, 0.0, 1.0)[:, None] * (outside - inside)
     points, good = search.border_points(section, guesses, edges)
     near = np.max(np.abs(points - guesses), axis=1) < continuation.LONGEST_STEP
