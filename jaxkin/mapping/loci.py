@@ -22,7 +22,7 @@ from jaxkin.sweep.grid import Grid
 #: Longest chord and sharpest turn (rad) of a curve's image, in widths of the box; shorter chords may turn as they will.
 _LONG, _SHARP, _SHORT = 0.02, 0.15, 0.001
 #: Shortest step in pose space that is halved, and how often.
-_LEAST, _REFINEMENTS = 2e-3, 5
+_LEAST, _REFINEMENTS = 1e-3, 9
 #: The ends of a component that is one point.
 _ALONE = "isolated point"
 

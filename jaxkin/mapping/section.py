@@ -216,9 +216,9 @@ def _samples(
     unit, samples = lattice(PARTS * starts, chart.dimension), np.zeros((0, chart.dimension))
     for _ in range(2):
         found, missed = over_points(_onto_section, chart, data, low + (high - low) * unit)
-        samples = found[missed <= 1e-9]
-        if len(samples) == 0:
+        if not np.any(missed <= 1e-9):
             break
+        samples = found[missed <= 1e-9]
         glued, slack = np.isfinite(period), 0.05 * np.ptp(samples, axis=0) + 1e-6
         low = np.where(glued, low, np.maximum(low, np.min(samples, axis=0) - slack))
         high = np.where(glued, high, np.minimum(high, np.max(samples, axis=0) + slack))
