@@ -20,7 +20,7 @@ from jaxkin.numerics.gluing import short_way
 from jaxkin.sweep.grid import Grid
 
 #: Longest chord and sharpest turn (rad) of a curve's image, in widths of the box; shorter chords may turn as they will.
-_LONG, _SHARP, _SHORT = 0.02, 0.15, 0.001
+_LONG, _SHARP, _SHORT = 0.02, 0.15, 0.0002
 #: Shortest step in pose space that is halved, and how often.
 _LEAST, _REFINEMENTS = 1e-3, 9
 #: The ends of a component that is one point.
