@@ -175,7 +175,16 @@ def _interrupting_field(after: int) -> jk.Field:
     return jk.Field(**{**vars(base), "block": lambda robot: 64, "unpack": unpack})
 
 
+@pytest.fixture
+def heeds_ctrl_c():
+    """A process started in the background may have been told to ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 @pytest.mark.skipif(not hasattr(os, "kill"), reason="needs POSIX signals")
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_leaves_usable_data(monkeypatch, tmp_path):
     monkeypatch.setattr(engine, "_TILE_SAMPLES", 64)
     with pytest.raises(jk.SweepInterrupted) as caught:
