@@ -19,6 +19,9 @@ from jaxkin.mapping.section import Section, bind_section
 from jaxkin.numerics import newton
 from jaxkin.sweep.grid import Grid
 
+#: How often a patch is made smaller until all of it closes.
+_SHRINKINGS = 24
+
 
 @dataclass(frozen=True)
 class Fold:
@@ -26,7 +29,7 @@ class Fold:
 
     Attributes:
         joints: ``(n, n, n_joint)``.
-        poses: ``(n, n, n_pose)``, angles continuous over the patch; NaN where the surface bends back before.
+        poses: ``(n, n, n_pose)``, angles continuous over the patch.
         determinant: ``(n, n)`` det dF/dpose, dimensionless; its sign tells the sheets apart.
         fold_joints: ``(k, n_joint)`` along the singular curve through the pose.
         fold_poses: ``(k, n_pose)``.
@@ -56,7 +59,8 @@ def fold(robot: Mechanism, section: Grid, pose: ArrayLike, radius: float = 0.4, 
         robot: The mechanism.
         section: A grid with two free joint axes, as for ``cusps``.
         pose: ``(n_pose,)`` a singular pose over the section.
-        radius: Half the width of the patch, in characteristic lengths and radians.
+        radius: Half the width of the patch, in characteristic lengths and radians; made less where the surface
+            bends away from its tangent plane before.
         samples: Points a side; odd, so that the pose is one of them.
 
     Raises:
@@ -81,9 +85,17 @@ def fold(robot: Mechanism, section: Grid, pose: ArrayLike, radius: float = 0.4, 
             f"jk.fold: no singular pose of the section {bound.describe()} lies at {vector.tolist()}: take one from "
             "jk.cusps or jk.singular_curves of this section."
         )
-    points, determinant, curve, good = (
-        np.asarray(a) for a in _patch(bound.chart, bound.data, jnp.asarray(centre), radius, samples | 1)
-    )
+    for _ in range(_SHRINKINGS):
+        points, determinant, curve, good, missed = (
+            np.asarray(a) for a in _patch(bound.chart, bound.data, jnp.asarray(centre), radius, samples | 1)
+        )
+        if missed <= 1e-10:
+            break
+        radius *= 0.8
+    else:
+        raise InputError(
+            f"jk.fold: the surface bends away within {radius:g} of {vector.tolist()}: give a smaller radius."
+        )
     return _record(bound, points, determinant, curve[good], vector)
 
 
@@ -114,7 +126,7 @@ _centre = jax.jit(_to_singular, static_argnames="chart")
 
 def _patched(
     chart: Chart, data: SectionData, centre: Array, radius: Array, samples: int
-) -> tuple[Array, Array, Array, Array]:
+) -> tuple[Array, Array, Array, Array, Array]:
     """Samples the surface over its tangent plane, and the singular curve over its tangent."""
     along = chart.tangent(data, centre)
     along = along / jnp.sqrt(jnp.sum(along * along))
@@ -144,10 +156,9 @@ def _patched(
 
     points = jax.vmap(lambda a: jax.vmap(lambda b: onto_surface(a, b))(grid))(grid)
     missed = jax.vmap(jax.vmap(lambda u: jnp.max(jnp.abs(chart.section(data, u)), initial=0.0)))(points)
-    points = jnp.where((missed <= TOLERANCES.residual)[..., None], points, jnp.nan)
     determinant = jax.vmap(jax.vmap(partial(chart.determinant, data)))(points)
     curve, good = jax.vmap(onto_curve)(jnp.linspace(-radius, radius, 4 * samples))
-    return points, determinant, curve, good
+    return points, determinant, curve, good, jnp.max(missed)
 
 
 _patch = jax.jit(_patched, static_argnames=("chart", "samples"))
