@@ -24,7 +24,7 @@ def measure() -> list[Metric]:
     reference, analytic = jk.mechanisms.rpr3.reference(), jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
     wide = jk.Grid(rho1=14.98, rho2=(0.0, 50.0, 400), rho3=(0.0, 50.0, 400))
     small = jk.Grid(rho1=(0.0, 4.0, 400), rho2=1.0, rho3=(0.0, 4.0, 400))
-    geometry = tuple(known["geometry"].values())
+    geometry = rpr3_sections.Geometry(**known["geometry"])
     times = Times(
         {
             "analytic": lambda: (jk.singular_curves(analytic, small), jk.cusps(analytic, small)),
