@@ -31,7 +31,7 @@ _MARKER, _NEIGHBOURS = 0.01, 24
 
 @dataclass(frozen=True)
 class Arc:
-    """A smooth arc of the curve between ends, with no crossing inside.
+    """A piece of the curve between ends: smooth, or a whole curve that goes straight through crossings.
 
     Attributes:
         points: ``(k, m)``, continuous (glued unknowns run on); a closed arc does not repeat its first point.
@@ -139,14 +139,14 @@ def _chain(network: Network, seed: int, start: End, lead: list[np.ndarray], used
             end = End("lost")
             break
         seed = piece.target
-    points = joined(parts, network.period)
+    points = _joined(parts, network.period)
     closed = start == CLOSED
     if closed and end == CLOSED:
         return Arc(points[:-1], CLOSED, CLOSED)
     return Arc(points, End("lost") if closed else start, end)
 
 
-def joined(parts: list[np.ndarray], period: np.ndarray) -> np.ndarray:
+def _joined(parts: list[np.ndarray], period: np.ndarray) -> np.ndarray:
     """Strings parts together without jumps at the glued ends and without repeated points."""
     turn = np.where(np.isfinite(period), period, 1.0)
     whole = [parts[0]]
@@ -158,28 +158,8 @@ def joined(parts: list[np.ndarray], period: np.ndarray) -> np.ndarray:
     return points[np.concatenate([[True], steps > 1e-9])]
 
 
-@dataclass(frozen=True)
-class Strand:
-    """A whole curve: arcs, straight through crossings.
-
-    Attributes:
-        points: ``(k, m)``; a closed strand does not repeat its first point.
-        start: Where it begins.
-        end: Where it ends.
-    """
-
-    points: np.ndarray
-    start: End
-    end: End
-
-    @property
-    def closed(self) -> bool:
-        """True where the last point is followed by the first."""
-        return self.start.kind == ""
-
-
-def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
-    """Joins arcs that pass straight through a crossing, and returns the strands, longest first."""
+def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Arc]:
+    """Joins smooth arcs that pass straight through a crossing, and returns whole curves, longest first."""
     at: dict[tuple[int, int], tuple[int, bool]] = {}
     for k, arc in enumerate(arcs):
         for end, is_end in ((arc.start, False), (arc.end, True)):
@@ -210,14 +190,14 @@ def strands_of(arcs: list[Arc], period: np.ndarray) -> list[Strand]:
     for k, arc in enumerate(arcs):
         if arc.closed:
             used.add(k)
-            strands.append(Strand(arc.points, CLOSED, CLOSED))
+            strands.append(arc)
     for round_ in (0, 1):  # First from true ends, then what is left: cycles through crossings.
         for k, arc in enumerate(arcs):
             if k in used or (round_ == 0 and not dead(arc.start) and not dead(arc.end)):
                 continue
             parts, start, end, cycle = walk(k, backwards=round_ == 0 and not dead(arc.start))
-            points = joined(parts, period)
-            strands.append(Strand(points[:-1], CLOSED, CLOSED) if cycle else Strand(points, start, end))
+            points = _joined(parts, period)
+            strands.append(Arc(points[:-1], CLOSED, CLOSED) if cycle else Arc(points, start, end))
     return sorted(strands, key=lambda strand: -_length(strand.points))
 
 
@@ -258,8 +238,7 @@ def distance_to_arcs(
     nearest = owner[tree.query(folded(points), k=count)[1].reshape(len(points), count)]
     best, best_size = np.full(len(points), np.inf), np.ones(len(points))
     for column in nearest.T:
-        p = points - a[column]
-        p = short_way(p, period)
+        p = short_way(points - a[column], period)
         c, n = chord[column], size[column]
         s = np.clip(np.sum(p * c, axis=1) / n**2, 0.0, 1.0)[:, None]
         curve = (s**3 - 2 * s**2 + s) * ta[column] * n[:, None] + (s**3 - s**2) * tb[column] * n[:, None]

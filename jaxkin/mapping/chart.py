@@ -94,7 +94,7 @@ class Chart:
         joints = data.fixed
         for place, k in enumerate(self.unknown):
             joints = joints + data.free_joint[k] * (u[self.n_pose + place] * data.free_unit[k])
-        return u[: self.n_pose] * data.pose_unit, joints
+        return self.pose(data, u), joints
 
     @partial(jax.jit, static_argnums=0)
     def section(self, data: SectionData, u: Array) -> Array:
@@ -197,6 +197,10 @@ class Chart:
             else:
                 parts += [(value - low) / unit, (high - value) / unit]
         return jnp.stack(parts)
+
+    def violations(self, data: SectionData, u: Array) -> Array:
+        """Returns the margins that are negative, zero for the others."""
+        return jnp.minimum(self.margins(data, u), 0.0)
 
     @partial(jax.jit, static_argnums=0)
     def tangent(self, data: SectionData, u: Array) -> Array:

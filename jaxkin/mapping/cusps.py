@@ -19,7 +19,6 @@ from jaxkin.mapping.records import Cusps, Other
 from jaxkin.mapping.section import Section, bind_section
 from jaxkin.mapping.tracing import Traced, trace_section
 from jaxkin.numerics import newton
-from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.small_linalg import pivoted_solve
 from jaxkin.sweep.grid import Grid
 
@@ -73,13 +72,13 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
     kept = search.distinct(section, points)
     points = points[kept]
     facts = _facts(section, points)
-    near_crossing = _near(section, points, np.concatenate([traced.crossings, traced.isolated]), _AT_CROSSING)
+    near_crossing = search.near(section, points, np.concatenate([traced.crossings, traced.isolated]), _AT_CROSSING)
     kinds = [_kind(f, c) for f, c in zip(facts, near_crossing, strict=True)]
     good = np.array([kind == "cusp" for kind in kinds], bool)
     evidence = {
         "changes of sign along the curves": changes,
         "cusp poses found along the curves": int(np.sum(good & (kept < len(along)))),
-        "cusp poses found from spread starts": _met(section, points[good], apart),
+        "cusp poses found from spread starts": int(np.sum(search.near(section, points[good], apart))),
         "cusp poses on no traced curve": int(np.sum(good & (kept >= len(along)))),
         **traced.evidence,
     }
@@ -91,16 +90,6 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
     for kind, points in (("self-motion", still), ("isolated point", traced.isolated), ("crossing", traced.crossings)):
         others += [Other(kind, q, x) for q, x in zip(*evaluated(section, points)[:2], strict=True)]
     return _grouped(section, [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence)
-
-
-def _near(section: Section, points: np.ndarray, others: np.ndarray, distance: float) -> np.ndarray:
-    """Returns which points have another within a distance."""
-    gaps = np.max(np.abs(short_way(points[:, None] - others[None], section.period)), axis=2, initial=0.0)
-    return np.any(gaps < distance, axis=1)
-
-
-def _met(section: Section, points: np.ndarray, others: np.ndarray) -> int:
-    return int(np.sum(_near(section, points, others, search.SAME)))
 
 
 @dataclass(frozen=True)

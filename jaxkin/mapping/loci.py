@@ -10,7 +10,7 @@ from jax import Array
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
-from jaxkin.mapping.assembly import End, Strand, strands_of
+from jaxkin.mapping.assembly import Arc, End, strands_of
 from jaxkin.mapping.batch import over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
@@ -77,7 +77,7 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
     )
 
 
-def _curve(section: Section, strand: Strand) -> Curve:
+def _curve(section: Section, strand: Arc) -> Curve:
     joints, poses, residual = evaluated(section, _refined(section, strand))
     for k, end in ((0, strand.start), (-1, strand.end)):
         if end.kind == "border":  # Where the curve ends the joint is at its bound, not an ulp beside it.
@@ -93,7 +93,7 @@ def _curve(section: Section, strand: Strand) -> Curve:
     )
 
 
-def _refined(section: Section, strand: Strand) -> np.ndarray:
+def _refined(section: Section, strand: Arc) -> np.ndarray:
     """Returns the strand's points with others between them where its image in the joints is coarse.
 
     The tracer's steps are even in pose space; a leg that almost vanishes turns the image quickly.

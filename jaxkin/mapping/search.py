@@ -25,15 +25,11 @@ SAME = 1e-6
 EDGE_SLACK = 1e-11
 
 
-def _violations(chart: Chart, data: SectionData, u: Array) -> Array:
-    return jnp.minimum(chart.margins(data, u), 0.0)
-
-
 def _project(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array, Array]:
     """Moves points onto the singular curves inside the box; returns them, their residuals and their margins."""
 
     def objective(u: Array) -> Array:
-        return jnp.concatenate([chart.singular(data, u), _violations(chart, data, u)])
+        return jnp.concatenate([chart.singular(data, u), chart.violations(data, u)])
 
     u = polish(partial(chart.singular, data), descend(objective, u, 24))
     return u, jnp.max(jnp.abs(chart.singular(data, u))), jnp.min(chart.margins(data, u))
@@ -50,16 +46,20 @@ def _edge_points(chart: Chart, data: SectionData, u: Array, edge: Array) -> tupl
 
 
 def _critical_points(chart: Chart, data: SectionData, u: Array) -> tuple[Array, Array, Array]:
-    """Seeks critical points of det A on the section; returns them with multipliers, |det| over its size, residual."""
+    """Seeks critical points of det A on the section.
+
+    Returns:
+        They with multipliers, the larger of |det A| over its size and the residual, and the smallest margin.
+    """
     slope = jax.grad(partial(chart.determinant, data))(u)
     rows = jax.jacfwd(partial(chart.section, data))(u)
     multipliers = pivoted_solve(rows @ rows.T, rows @ slope) if chart.n_rows else jnp.zeros(0)
     # The starts lie on the curve: near a crossing Newton's method converges, elsewhere nothing is sought.
     z = polish(partial(chart.critical, data), jnp.concatenate([u, multipliers]), steps=12, trust=0.3)
-    relative = jnp.abs(chart.determinant(data, z[: chart.dimension])) / chart.determinant_size(
-        data, z[: chart.dimension]
-    )
-    return z, relative, jnp.max(jnp.abs(chart.critical(data, z)))
+    found = z[: chart.dimension]
+    relative = jnp.abs(chart.determinant(data, found)) / chart.determinant_size(data, found)
+    residual = jnp.maximum(relative, jnp.max(jnp.abs(chart.critical(data, z))))
+    return z, residual, jnp.min(chart.margins(data, found))
 
 
 def _branches(chart: Chart, data: SectionData, z: Array) -> Array:
@@ -122,12 +122,17 @@ def glued(section: Section, u: np.ndarray) -> np.ndarray:
     return u
 
 
+def near(section: Section, points: np.ndarray, others: np.ndarray, distance: float = SAME) -> np.ndarray:
+    """Returns which points have another within a distance on the glued space."""
+    gaps = np.max(np.abs(short_way(points[:, None] - others[None], section.period)), axis=2, initial=0.0)
+    return np.any(gaps < distance, axis=1)
+
+
 def distinct(section: Section, u: np.ndarray, distance: float = SAME) -> np.ndarray:
     """Returns the indices of the first of each cluster of points."""
     kept: list[int] = []
     for k in range(len(u)):
-        gaps = short_way(u[kept] - u[k], section.period) if kept else np.zeros((0, u.shape[1]))
-        if not np.any(np.max(np.abs(gaps), axis=1, initial=0.0) < distance):
+        if not near(section, u[k : k + 1], u[kept], distance)[0]:
             kept.append(k)
     return np.array(kept, int)
 
@@ -139,19 +144,15 @@ def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarr
     critical equations, so that Newton's method finds it to all digits, although the curve is not smooth there.
     Where both directions are NaN the point is an isolated one.
     """
-    if len(seeds) == 0:
-        return np.zeros((0, section.chart.dimension)), np.zeros((0, 2, section.chart.dimension))
-    some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), BLOCK)).astype(int)]
-    z, relative, residual = over_points(_critical_points, section.chart, section.data, some)
-    z = z[(relative <= TOLERANCES.residual) & (residual <= TOLERANCES.residual)]
     m = section.chart.dimension
-    z = z[distinct(section, glued(section, z[:, :m]))]
-    if len(z) == 0:
-        return z[:, :m], np.zeros((0, 2, m))
-    z = z[margins(section, z[:, :m]).min(axis=1) >= -EDGE_SLACK]
-    if len(z) == 0:
-        return z[:, :m], np.zeros((0, 2, m))
-    return glued(section, z[:, :m]), over_points(_branches, section.chart, section.data, z)
+    if len(seeds) > 0:
+        some = seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), BLOCK)).astype(int)]
+        z, residual, margin = over_points(_critical_points, section.chart, section.data, some)
+        z = z[(residual <= TOLERANCES.residual) & (margin >= -EDGE_SLACK)]
+        z = z[distinct(section, glued(section, z[:, :m]))]
+        if len(z) > 0:
+            return glued(section, z[:, :m]), over_points(_branches, section.chart, section.data, z)
+    return np.zeros((0, m)), np.zeros((0, 2, m))
 
 
 def margins(section: Section, points: np.ndarray) -> np.ndarray:

@@ -229,7 +229,7 @@ def _onto_section(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Ar
     """Moves points onto the section and into the box; returns them, and by how much they miss."""
 
     def objective(u: jax.Array) -> jax.Array:
-        return jnp.concatenate([chart.section(data, u), jnp.minimum(chart.margins(data, u), 0.0)])
+        return jnp.concatenate([chart.section(data, u), chart.violations(data, u)])
 
     u = descend(objective, u, 30)
     return u, jnp.max(jnp.abs(objective(u)))

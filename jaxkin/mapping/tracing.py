@@ -13,7 +13,6 @@ from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.section import Section
 from jaxkin.numerics import continuation, newton
 from jaxkin.numerics.continuation import LEFT, REACHED, STUCK
-from jaxkin.numerics.gluing import short_way
 
 #: So far from a crossing (dimensionless) the tracer takes over from the straight line through it.
 _AWAY = 1e-3
@@ -60,39 +59,34 @@ def trace_section(section: Section) -> Traced:
     seeds, rounds, attempt = first, 0, 0
     while True:
         network = _network(section, seeds, nodes, directions, _STEPS[attempt])
-        arcs = arcs_of(network)
-        tangents = _tangents(section, arcs)
         if network.contradictions and attempt + 1 < len(_STEPS):
             # The tracer gets stuck at a crossing that the search has missed, and says where it is.
             before = len(nodes)
             nodes, directions = search.crossings(section, np.concatenate([first, _stuck(section, network)]))
             attempt += len(nodes) <= before
             continue
+        arcs = arcs_of(network)
+        tangents = _tangents(section, arcs)
         gap, size = distance_to_arcs(found, arcs, tangents, section.period)
         missed = found[gap > _COVERED * size + 1e-7]
         rounds += 1
         if rounds > 1 and len(missed):
             # What no arc starts from, after a try, and lies on the border, only touches the box.
             missed = missed[np.min(search.margins(section, missed), axis=1) > _TOUCH]
-        missed = missed[~_near_any(section, missed, nodes)]
+        missed = missed[~search.near(section, missed, nodes, _AWAY)]
         if len(missed) == 0 or rounds == 6:
             break
         seeds = np.concatenate([missed, seeds])
     ends = [arc.points[k] for arc in arcs for k, end in ((0, arc.start), (-1, arc.end)) if end.kind == "border"]
+    met = search.near(section, np.array(ends).reshape(len(ends), section.chart.dimension), edges)
     evidence = {
         "points found by independent searches": len(found),
         "of these on no traced curve": len(missed),
-        "ends on borders: traced, found by a search of their own": [len(ends), _met(section, edges, ends)],
+        "ends on borders: traced, found by a search of their own": [len(ends), int(np.sum(met))],
         "contradictory pieces": network.contradictions,
     }
     alone = ~np.all(np.isfinite(directions), axis=(1, 2))
     return Traced(arcs, tangents, nodes[~alone], nodes[alone], evidence)
-
-
-def _near_any(section: Section, points: np.ndarray, nodes: np.ndarray) -> np.ndarray:
-    """Returns which points are so near a crossing, or an isolated point, that they are that."""
-    gaps = np.max(np.abs(short_way(points[:, None] - nodes[None], section.period)), axis=2, initial=0.0)
-    return np.any(gaps < _AWAY, axis=1)
 
 
 def _stuck(section: Section, network: Network) -> np.ndarray:
@@ -100,11 +94,6 @@ def _stuck(section: Section, network: Network) -> np.ndarray:
     pieces = [*network.forward.values(), *network.backward.values()]
     points = [piece.points[-1] for piece in pieces if piece.state == STUCK]
     return np.repeat(np.array(points).reshape(len(points), section.chart.dimension), 8, axis=0)
-
-
-def _met(section: Section, edges: np.ndarray, ends: list[np.ndarray]) -> int:
-    """Returns at how many of the traced ends the other search arrived as well."""
-    return sum(bool(np.any(np.max(np.abs(short_way(edges - end, section.period)), axis=1) < 1e-6)) for end in ends)
 
 
 def _network(
@@ -133,9 +122,7 @@ def _seeds(
     """Chooses the seeds: the four half-branches of every crossing, and candidates apart from them."""
     plain = candidates[: 4 * _SEEDS]
     plain = plain[search.distinct(section, plain)]
-    for node in nodes:
-        plain = plain[np.max(np.abs(short_way(plain - node, section.period)), axis=1) > 2 * _AWAY]
-    plain = plain[:_SEEDS]
+    plain = plain[~search.near(section, plain, nodes, 2 * _AWAY)][:_SEEDS]
     guesses, keys = [], []
     for number, (node, pair) in enumerate(zip(nodes, directions, strict=True)):
         for half, direction in enumerate((pair[0], -pair[0], pair[1], -pair[1])):

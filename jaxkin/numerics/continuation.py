@@ -40,7 +40,6 @@ class Lanes(NamedTuple):
         tangent: ``(lanes, m)`` the oriented unit tangent there.
         step: ``(lanes,)`` length of the next step.
         sign: ``(lanes,)`` 1 along the orientation, -1 against it.
-        source: ``(lanes,)`` the seed that each started from.
         state: ``(lanes,)`` RUNNING, REACHED, LEFT or STUCK.
         target: ``(lanes,)`` the seed that was reached, or -1.
         outside: ``(lanes, m)`` the first point beyond the border, where it was left.
@@ -50,7 +49,6 @@ class Lanes(NamedTuple):
     tangent: Array
     step: Array
     sign: Array
-    source: Array
     state: Array
     target: Array
     outside: Array
@@ -74,6 +72,24 @@ class Piece(NamedTuple):
     target: int
     points: np.ndarray
     outside: np.ndarray
+
+
+class Course(NamedTuple):
+    """What all lanes share.
+
+    Attributes:
+        data: The pytree that the functions get.
+        seeds: ``(n, m)`` points on the curve, at which a lane ends.
+        alive: ``(n,)`` which of them are no padding.
+        period: ``(m,)``.
+        longest: Longest step.
+    """
+
+    data: Any
+    seeds: Array
+    alive: Array
+    period: Array
+    longest: Array
 
 
 def _corrected(function: Function, data: Any, guess: Array, t: Array) -> tuple[Array, Array, Array]:
@@ -101,17 +117,9 @@ def _unit(t: Array) -> Array:
     return t / jnp.where(length > 0, length, 1.0)
 
 
-def _advance(
-    function: Function,
-    inside: Function,
-    data: Any,
-    seeds: Array,
-    alive: Array,
-    period: Array,
-    longest: Array,
-    lane: Lanes,
-) -> tuple[Lanes, Array]:
+def _advance(function: Function, inside: Function, course: Course, lane: Lanes) -> tuple[Lanes, Array]:
     """Moves one lane by one step, shortened so as to land on a seed ahead if there is one."""
+    data, seeds, alive, period, longest = course
     t = lane.tangent * lane.sign
     ahead = short_way(seeds - lane.u, period, jnp)
     along = ahead @ t
@@ -140,7 +148,6 @@ def _advance(
         tangent=jnp.where(moved, tangent, lane.tangent),
         step=jnp.where(running, length, lane.step),
         sign=lane.sign,
-        source=lane.source,
         state=jnp.where(running, state, lane.state),
         target=jnp.where(running & met, nearest, lane.target),
         outside=jnp.where(running & left, u, lane.outside),
@@ -149,25 +156,13 @@ def _advance(
 
 
 @partial(jax.jit, static_argnames=("function", "inside"))
-def _round(
-    function: Function,
-    inside: Function,
-    data: Any,
-    seeds: Array,
-    alive: Array,
-    period: Array,
-    longest: Array,
-    lanes: Lanes,
-) -> tuple[Lanes, Array, Array]:
+def _round(function: Function, inside: Function, course: Course, lanes: Lanes) -> tuple[Lanes, Array, Array]:
     points = jnp.zeros((_ROUND, *lanes.u.shape))
     moves = jnp.zeros((_ROUND, lanes.u.shape[0]), bool)
 
-    def one(lane: Lanes) -> tuple[Lanes, Array]:
-        return _advance(function, inside, data, seeds, alive, period, longest, lane)
-
     def body(carry):
         k, lanes, points, moves = carry
-        lanes, moved = jax.vmap(one)(lanes)
+        lanes, moved = jax.vmap(lambda lane: _advance(function, inside, course, lane))(lanes)
         return k + 1, lanes, points.at[k].set(lanes.u), moves.at[k].set(moved)
 
     def unfinished(carry):
@@ -223,14 +218,14 @@ def trace(
         tangent=_unit_tangents(function, data, padded[source]),
         step=jnp.full(lanes_room, longest),
         sign=jnp.asarray(sign),
-        source=jnp.asarray(source),
         state=jnp.asarray(np.where(idle, STUCK, RUNNING)),
         target=jnp.full(lanes_room, -1),
         outside=jnp.asarray(padded[source]),
     )
+    course = Course(data, jnp.asarray(padded), jnp.asarray(alive), jnp.asarray(period), jnp.asarray(longest))
     tracks: list[list[np.ndarray]] = [[seeds[s]] for s, _ in starts]
     for _ in range(-(-most_steps // _ROUND)):
-        lanes, points, moves = _round(function, inside, data, padded, alive, period, longest, lanes)
+        lanes, points, moves = _round(function, inside, course, lanes)
         points, moves = np.asarray(points), np.asarray(moves)
         for k, track in enumerate(tracks):
             track.extend(points[moves[:, k], k])
