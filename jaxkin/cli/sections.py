@@ -84,6 +84,7 @@ def loci_command(
     if closed_form and not hasattr(robot, "closed_form_curves"):
         raise InputError(f"{mechanism} has no closed forms of its singular curves: leave out --closed-form.")
     from jaxkin.mapping.loci import singular_curves
+    from jaxkin.mapping.records import coordinates
 
     start = time.perf_counter()
     curves = singular_curves(robot, grid, method="closed form" if closed_form else "trace")
@@ -92,7 +93,7 @@ def loci_command(
         content["files"] = _write(
             out, "loci", content, _points(curves), lambda: _picture(robot, grid, curves=curves), force
         )
-    crossings = [f"  crossing: {_coordinates(curves.joint_names, at)}" for at in curves.crossings.joints]
+    crossings = [f"  crossing: {coordinates(curves.joint_names, at)}" for at in curves.crossings.joints]
     _print(robot, content, "\n".join([str(curves), *crossings]), as_json)
 
 
@@ -224,10 +225,6 @@ def _check_request(path: Path, request: dict[str, Any]) -> None:
             f"{path} was made by another request ({Request(request).difference(there)}): choose another folder, or "
             "replace it with --force."
         )
-
-
-def _coordinates(names: tuple[str, ...], values: Any) -> str:
-    return ", ".join(f"{name} = {value:.15g}" for name, value in zip(names, values, strict=True))
 
 
 def _print(robot: "Mechanism", content: dict[str, Any], summary: str, as_json: bool) -> None:

@@ -6,7 +6,10 @@ import json
 import math
 import platform
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from jaxkin.core.mechanism import Mechanism
 
 #: Raise it when a kernel changes its numbers, so that old stores are not continued with new ones.
 ALGORITHM_VERSION = 1
@@ -58,6 +61,15 @@ def jsonable(value: Any) -> Any:
     if isinstance(value, list):
         return [jsonable(entry) for entry in value]
     return str(value) if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def identity(robot: "Mechanism") -> dict[str, Any]:
+    """Returns what of a mechanism, and of this program, determines numbers: the start of every request."""
+    return {
+        "mechanism": robot.id or f"{type(robot).__module__}.{type(robot).__qualname__}",
+        "geometry": jsonable(robot.geometry()),
+        "algorithm": ALGORITHM_VERSION,
+    }
 
 
 def run_log(**entries: Any) -> dict[str, Any]:

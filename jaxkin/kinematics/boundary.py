@@ -26,6 +26,15 @@ def checked_mechanism(who: str, robot: Mechanism) -> None:
         )
 
 
+def checked_single(who: str, robot: Mechanism) -> None:
+    """Raises unless float64 is on and ``robot`` is one mechanism with plain numbers, for what no kernel can do."""
+    checked_mechanism(who, robot)
+    if any(map(is_traced, jax.tree_util.tree_leaves(robot))):
+        raise InputError(f"{who} cannot be traced: call it outside jax.jit, jax.vmap and jax.grad.")
+    if jnp.ndim(robot.characteristic_length()) != 0:
+        raise InputError(f"{who} got a batch of robots: pass one robot at a time.")
+
+
 def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]) -> Array:
     """Returns one configuration as a float64 vector.
 

@@ -36,10 +36,7 @@ def closed_form_curves(section: Section) -> SingularCurves:
     return SingularCurves(
         curves=tuple(sorted(curves, key=lambda curve: -len(curve))),
         crossings=Crossings(joints, poses, residual),
-        request=section.content("closed form"),
-        pose_names=tuple(axis.name for axis in robot.pose_axes),
-        joint_names=tuple(axis.name for axis in robot.joint_axes),
-        units=section.units,
+        **section.record("closed form"),
     )
 
 

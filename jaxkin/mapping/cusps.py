@@ -204,9 +204,6 @@ def _grouped(section: Section, facts: list[_Fact], others: list[Other], evidence
         error=np.array([max(f.error for f in g) for g in groups]),
         third=np.array([min(f.third for f in g) for g in groups]),
         others=tuple(others),
-        request=section.content("newton"),
-        pose_names=tuple(axis.name for axis in robot.pose_axes),
-        joint_names=tuple(axis.name for axis in robot.joint_axes),
-        units=section.units,
+        **section.record("newton"),
         evidence=evidence,
     )

@@ -100,9 +100,10 @@ def fold(robot: Mechanism, section: Grid, pose: ArrayLike, radius: float = 0.4, 
 
 
 def _record(section: Section, points: np.ndarray, determinant: np.ndarray, curve: np.ndarray, pose: np.ndarray) -> Fold:
-    robot, side, unit = section.robot, points.shape[0], np.asarray(section.data.pose_unit)
+    side, unit = points.shape[0], np.asarray(section.data.pose_unit)
+    record = section.record("fold")
     joints = evaluated(section, points.reshape(-1, points.shape[-1]))[0]
-    names = tuple(axis.name for axis in robot.joint_axes)
+    names = record["joint_names"]
     return Fold(
         joints=joints.reshape(side, side, -1),
         poses=points * unit,
@@ -110,10 +111,10 @@ def _record(section: Section, points: np.ndarray, determinant: np.ndarray, curve
         fold_joints=evaluated(section, curve)[0],
         fold_poses=curve * unit,
         pose=pose,
-        pose_names=tuple(axis.name for axis in robot.pose_axes),
+        pose_names=record["pose_names"],
         joint_names=names,
         free=(names[section.grid.free[0]], names[section.grid.free[1]]),
-        units=section.units,
+        units=record["units"],
     )
 
 

@@ -69,10 +69,7 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
     return SingularCurves(
         curves=curves + dots,
         crossings=Crossings(joints, poses, residual),
-        request=bound.content("trace"),
-        pose_names=tuple(axis.name for axis in robot.pose_axes),
-        joint_names=tuple(axis.name for axis in robot.joint_axes),
-        units=bound.units,
+        **bound.record("trace"),
         evidence=traced.evidence,
     )
 
@@ -81,8 +78,8 @@ def _curve(section: Section, strand: Arc) -> Curve:
     joints, poses, residual = evaluated(section, _refined(section, strand))
     for k, end in ((0, strand.start), (-1, strand.end)):
         if end.kind == "border":  # Where the curve ends the joint is at its bound, not an ulp beside it.
-            side, which = end.number % 2, end.number // 2
-            joints[k, section.grid.free[which]] = (section.data.low, section.data.high)[side][which]
+            joint, bound = section.border(end.number)
+            joints[k, joint] = bound
     return Curve(
         joints=joints,
         poses=poses,
@@ -128,9 +125,8 @@ def _name(section: Section, end: End) -> str:
 
 def border_name(section: Section, edge: int) -> str:
     """Names a border of the section, for instance ``rho3 = 4``."""
-    joint = section.grid.free[edge // 2]
-    bound = (section.data.low, section.data.high)[edge % 2][edge // 2]
-    return f"{section.robot.joint_axes[joint].name} = {float(bound):g}"
+    joint, bound = section.border(edge)
+    return f"{section.robot.joint_axes[joint].name} = {bound:g}"
 
 
 def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

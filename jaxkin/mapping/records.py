@@ -16,6 +16,36 @@ DISAGREEMENTS = ("of these on no traced curve", "contradictory pieces", "cusp po
 _DOUBT = "  DOUBTFUL: the searches disagree; try more samples, another range, or a section a little apart"
 
 
+class _OverSection:
+    """What results over a section share beside their own content."""
+
+    request: dict[str, Any]
+    pose_names: tuple[str, ...]
+    joint_names: tuple[str, ...]
+    units: dict[str, str]
+    evidence: dict[str, Any]
+
+    @property
+    def complete(self) -> bool:
+        """False where the searches disagree or a tracer was lost: see ``evidence``. True is no proof."""
+        return not any(self.evidence.get(name) for name in DISAGREEMENTS)
+
+    def _summary(self, lines: list[str]) -> str:
+        lines = [*lines, *(f"  {name}: {value}" for name, value in self.evidence.items())]
+        return "\n".join(lines if self.complete else [*lines, _DOUBT])
+
+    def _json(self, **own: Any) -> str:
+        content = {
+            "request": self.request,
+            "joint_axes": list(self.joint_names),
+            "pose_axes": list(self.pose_names),
+            "units": self.units,
+            **own,
+            "evidence": self.evidence,
+        }
+        return json.dumps(content, indent=2)
+
+
 @dataclass(frozen=True)
 class Curve:
     """A piece of the singular set over a section, in order along the curve.
@@ -63,7 +93,7 @@ class Crossings:
 
 
 @dataclass(frozen=True)
-class SingularCurves(Sequence[Curve]):
+class SingularCurves(_OverSection, Sequence[Curve]):
     """All singular curves of a section of the joint space.
 
     Attributes:
@@ -101,11 +131,6 @@ class SingularCurves(Sequence[Curve]):
         return iter(self.curves)
 
     @property
-    def complete(self) -> bool:
-        """False where the searches disagree or a tracer was lost: see ``evidence``. True is no proof."""
-        return not any(self.evidence.get(name) for name in DISAGREEMENTS)
-
-    @property
     def residual(self) -> float:
         """Largest dimensionless residual of all points."""
         return max((curve.residual for curve in self.curves), default=0.0)
@@ -129,8 +154,7 @@ class SingularCurves(Sequence[Curve]):
             + (", virtual" if curve.virtual else "")
             for curve in self.curves
         ]
-        lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
-        return "\n".join(lines if self.complete else [*lines, _DOUBT])
+        return self._summary(lines)
 
     def to_dataset(self) -> "xarray.Dataset":
         """Returns all points in one table: dimension ``point``, with the number of their curve."""
@@ -163,16 +187,8 @@ class SingularCurves(Sequence[Curve]):
             }
             for c in self.curves
         ]
-        content = {
-            "request": self.request,
-            "joint_axes": list(self.joint_names),
-            "pose_axes": list(self.pose_names),
-            "units": self.units,
-            "curves": curves,
-            "crossings": {"joints": self.crossings.joints.tolist(), "poses": self.crossings.poses.tolist()},
-            "evidence": self.evidence,
-        }
-        return json.dumps(content, indent=2)
+        crossings = {"joints": self.crossings.joints.tolist(), "poses": self.crossings.poses.tolist()}
+        return self._json(curves=curves, crossings=crossings)
 
 
 @dataclass(frozen=True)
@@ -194,7 +210,7 @@ class Other:
 
 
 @dataclass(frozen=True)
-class Cusps:
+class Cusps(_OverSection):
     """All cusps of a section: joint points at which three assembly modes meet in one pose.
 
     Attributes:
@@ -229,28 +245,17 @@ class Cusps:
         """Number of distinct joint points."""
         return len(self.joints)
 
-    @property
-    def complete(self) -> bool:
-        """False where the searches disagree or a tracer was lost: see ``evidence``. True is no proof."""
-        return not any(self.evidence.get(name) for name in DISAGREEMENTS)
-
     def __str__(self) -> str:
         """A summary of a few lines."""
         lines = [f"{len(self)} cusps, {sum(map(len, self.poses))} triple poses"]
         for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True)):
-            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, joints, strict=True))
-            lines.append(
-                f"  [{k}] {at}  (error {self.error[k]:.0e}, residual {self.residual[k]:.0e}, "
-                f"third coefficient {self.third[k]:.2g})"
+            quality = (
+                f"error {self.error[k]:.0e}, residual {self.residual[k]:.0e}, third coefficient {self.third[k]:.2g}"
             )
-            for pose in poses:
-                there = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.pose_names, pose, strict=True))
-                lines.append(f"      {there}")
-        for other in self.others:
-            at = ", ".join(f"{n} = {v:.15g}" for n, v in zip(self.joint_names, other.joints, strict=True))
-            lines.append(f"  no cusp, {other.kind}: {at}")
-        lines += [f"  {name}: {value}" for name, value in self.evidence.items()]
-        return "\n".join(lines if self.complete else [*lines, _DOUBT])
+            lines.append(f"  [{k}] {coordinates(self.joint_names, joints)}  ({quality})")
+            lines += [f"      {coordinates(self.pose_names, pose)}" for pose in poses]
+        lines += [f"  no cusp, {other.kind}: {coordinates(self.joint_names, other.joints)}" for other in self.others]
+        return self._summary(lines)
 
     def to_json(self) -> str:
         """Returns everything as JSON text."""
@@ -265,13 +270,9 @@ class Cusps:
             for k, (joints, poses) in enumerate(zip(self.joints, self.poses, strict=True))
         ]
         others = [{"kind": o.kind, "joints": o.joints.tolist(), "pose": o.pose.tolist()} for o in self.others]
-        content = {
-            "request": self.request,
-            "joint_axes": list(self.joint_names),
-            "pose_axes": list(self.pose_names),
-            "units": self.units,
-            "cusps": found,
-            "others": others,
-            "evidence": self.evidence,
-        }
-        return json.dumps(content, indent=2)
+        return self._json(cusps=found, others=others)
+
+
+def coordinates(names: tuple[str, ...], values: np.ndarray) -> str:
+    """Writes a point as text, to 15 digits."""
+    return ", ".join(f"{name} = {value:.15g}" for name, value in zip(names, values, strict=True))

@@ -10,9 +10,8 @@ import numpy as np
 from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
-from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
-from jaxkin.core.tracing import is_traced
-from jaxkin.kinematics.boundary import checked_mechanism
+from jaxkin.core.provenance import identity
+from jaxkin.kinematics.boundary import checked_single
 from jaxkin.mapping.batch import BLOCK, over_points
 from jaxkin.mapping.chart import Chart, SectionData, chart_of
 from jaxkin.numerics.newton import descend, lattice
@@ -48,20 +47,20 @@ class Section:
     samples: np.ndarray
     starts: int
 
-    def content(self, method: str) -> dict[str, Any]:
-        """Returns what determines the numbers of a result."""
+    def record(self, method: str) -> dict[str, Any]:
+        """Returns what every result over this section says of it: request, names and units."""
+        poses, joints = self.robot.pose_axes, self.robot.joint_axes
         return {
-            "algorithm_version": ALGORITHM_VERSION,
-            "geometry": jsonable(self.robot.geometry()),
-            "mechanism": self.robot.id or type(self.robot).__name__,
-            "method": method,
-            "section": self.grid.content(),
+            "request": {**identity(self.robot), "method": method, "section": self.grid.content()},
+            "pose_names": tuple(axis.name for axis in poses),
+            "joint_names": tuple(axis.name for axis in joints),
+            "units": {axis.name: axis.unit for axis in (*poses, *joints)},
         }
 
-    @property
-    def units(self) -> dict[str, str]:
-        """The unit of every axis."""
-        return {axis.name: axis.unit for axis in (*self.robot.pose_axes, *self.robot.joint_axes)}
+    def border(self, number: int) -> tuple[int, float]:
+        """Returns the joint that is at its bound on a border, and the bound; borders are numbered as margins are."""
+        which, end = divmod(number, 2)
+        return self.grid.free[which], float((self.data.low, self.data.high)[end][which])
 
     def describe(self) -> str:
         """The section in a few words, for messages."""
@@ -81,9 +80,7 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
             reaches the section.
         GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
     """
-    checked_mechanism(who, robot)
-    if any(map(is_traced, jax.tree_util.tree_leaves(robot))) or jnp.ndim(robot.characteristic_length()) != 0:
-        raise InputError(f"{who} takes one robot with plain numbers: call it outside jit, vmap and grad, once a robot.")
+    checked_single(who, robot)
     if not isinstance(grid, Grid):
         raise InputError(f"{who} got {grid!r} as its section: pass a jaxkin.Grid with two free joint axes.")
     bound = grid.bind(robot.joint_axes, "joint")

@@ -14,9 +14,8 @@ from jaxkin.core.branches import stack_lanes
 from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
-from jaxkin.core.provenance import ALGORITHM_VERSION, jsonable
-from jaxkin.core.tracing import is_traced
-from jaxkin.kinematics.boundary import checked_mechanism
+from jaxkin.core.provenance import identity
+from jaxkin.kinematics.boundary import checked_single
 from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import inverse_lanes
 from jaxkin.mapping import _isosurface
@@ -89,10 +88,8 @@ def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
         surfaces=tuple(found),
         crossings=_crossings(robot, lattice, found, scouts) if _factored(robot) else (),
         request={
-            "mechanism": robot.id or f"{type(robot).__module__}.{type(robot).__qualname__}",
-            "geometry": jsonable(robot.geometry()),
+            **identity(robot),
             "box": lattice.bound.content(),
-            "algorithm": ALGORITHM_VERSION,
         },
         pose_names=tuple(axis.name for axis in axes),
         units={axis.name: axis.unit for axis in axes},
@@ -101,11 +98,7 @@ def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
 
 
 def _checked_box(robot: Mechanism, box: Grid) -> BoundGrid:
-    checked_mechanism(_WHO, robot)
-    if any(is_traced(leaf) for leaf in jax.tree_util.tree_leaves(robot)):
-        raise InputError(f"{_WHO} cannot be traced: call it outside jax.jit, jax.vmap and jax.grad.")
-    if jnp.ndim(robot.characteristic_length()) != 0:
-        raise InputError(f"{_WHO} got a batch of robots: pass one robot at a time.")
+    checked_single(_WHO, robot)
     if not isinstance(box, Grid):
         raise InputError(f"{_WHO} got a {type(box).__name__} as its box: pass a jk.Grid over the pose axes.")
     bound = box.bind(robot.pose_axes, "pose")

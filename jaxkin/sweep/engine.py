@@ -19,7 +19,7 @@ from jax import Array
 
 from jaxkin.core.errors import GeometryError, InputError, SweepInterrupted
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.core.provenance import ALGORITHM_VERSION, Request, jsonable, run_log
+from jaxkin.core.provenance import Request, identity, run_log
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields, result
 from jaxkin.sweep.fields import Field, Variable
@@ -160,13 +160,11 @@ def _request(robot: Mechanism, field: Field, grid: BoundGrid, variables: tuple[V
 
     return Request(
         {
-            "mechanism": robot.id or f"{type(robot).__module__}.{type(robot).__qualname__}",
-            "geometry": jsonable(robot.geometry()),
+            **identity(robot),
             "field": {"name": field.name, "version": field.version},
             "variables": [variable.name for variable in variables],
             "grid": grid.content(),
             "tolerances": vars(TOLERANCES),
-            "algorithm": ALGORITHM_VERSION,
         }
     )
 
