@@ -1,5 +1,6 @@
 """Singular curves of a section from a mechanism's closed forms: labelled, with their virtual parts, cut to the box."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -10,6 +11,7 @@ from jax import Array
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
+from jaxkin.mapping.batch import in_blocks
 from jaxkin.mapping.loci import border_name, evaluated
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section
@@ -156,10 +158,7 @@ def _curve(
     section: Section, piece: Any, joints: np.ndarray, poses: np.ndarray, closed: bool, ends: tuple[str, str]
 ) -> Curve:
     if piece.virtual:
-        room = 1 << (len(joints) - 1).bit_length()
-        residual = np.asarray(
-            _virtual_residuals(section.robot, np.resize(joints, (room, joints.shape[1])))[piece.label]
-        )
+        residual = in_blocks(partial(_virtual_residuals, section.robot), joints)[piece.label]
     else:
         residual = evaluated(section, poses / np.asarray(section.data.pose_unit))[2]
     return Curve(joints, poses, closed, float(np.max(residual)), piece.label, piece.virtual, ends)

@@ -1,5 +1,6 @@
 """``jk.singular_curves``: the singular set of a section of the joint space."""
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -11,7 +12,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
 from jaxkin.mapping.assembly import Arc, End, strands_of
-from jaxkin.mapping.batch import over_points
+from jaxkin.mapping.batch import in_blocks, over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section, bind_section
@@ -136,8 +137,6 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     of the lengths of its rows.
     """
     chart, robot = section.chart, section.robot
-    if len(points) == 0:
-        return np.zeros((0, len(robot.joint_axes))), np.zeros((0, chart.n_pose)), np.zeros(0)
     values = over_points(_evaluate, chart, section.data, search.glued(section, points))
     joints, poses, residual = np.split(values, [len(robot.joint_axes), len(robot.joint_axes) + chart.n_pose], axis=1)
     # On the border rounding may put a joint an ulp outside.
@@ -163,7 +162,7 @@ def _factor(section: Section, poses: np.ndarray) -> str:
     if not hasattr(section.robot, "factors"):
         return ""
     spread = search.starting_points(section, part=0)[:32, : section.chart.n_pose] * np.asarray(section.data.pose_unit)
-    here, anywhere = (_factors(section.robot, points) for points in (np.resize(poses, (32, poses.shape[1])), spread))
+    here, anywhere = (in_blocks(partial(_factors, section.robot), points) for points in (poses, spread))
     share = {name: float(np.median(np.abs(here[name])) / np.median(np.abs(anywhere[name]))) for name in here}
     return min(share, key=lambda name: share[name])
 

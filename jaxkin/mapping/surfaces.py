@@ -19,6 +19,7 @@ from jaxkin.kinematics.boundary import checked_single
 from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import inverse_lanes
 from jaxkin.mapping import _isosurface
+from jaxkin.mapping.batch import in_blocks
 from jaxkin.mapping.meshes import CrossingCurve, SingularSurfaces, Surface
 from jaxkin.numerics import bracket
 from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
@@ -170,14 +171,8 @@ def _names(robot: Mechanism, count: int) -> list[str]:
 
 
 def _in_blocks(function: Callable[..., Array], *columns: np.ndarray) -> np.ndarray:
-    """Calls a compiled function on blocks of rows, padded to one length; results have the rows last."""
-    parts = []
-    for start in range(0, len(columns[0]), _BLOCK):
-        rows = [column[start : start + _BLOCK] for column in columns]
-        count = len(rows[0])
-        padded = [np.concatenate([row, np.repeat(row[:1], _BLOCK - count, axis=0)]) for row in rows]
-        parts.append(np.asarray(function(*padded))[..., :count])
-    return np.concatenate(parts, axis=-1)
+    """Calls a compiled function on blocks of rows; results have the rows last."""
+    return in_blocks(function, *columns, block=_BLOCK, axis=-1)
 
 
 def _sampled(robot: Mechanism, lattice: "_Lattice") -> np.ndarray:

@@ -1,14 +1,13 @@
 """What the checks compute of the analytic 3-RPR, compiled whole: operation by operation they compile for seconds."""
 
-from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 import jax
 import numpy as np
 from jax import Array
 
 import jaxkin as jk
+from jaxkin.mapping.batch import in_blocks
 from jaxkin.mechanisms import rpr3_closed_forms
 from jaxkin.mechanisms.rpr3 import AnalyticRPR3
 
@@ -18,12 +17,12 @@ _ROWS = 1 << 12
 
 def counts_at(robot: AnalyticRPR3, joints: np.ndarray) -> np.ndarray:
     """Returns the number of solutions at each row of joints."""
-    return _in_blocks(partial(_counts, robot), joints)["count"].astype(int)
+    return in_blocks(partial(_counts, robot), joints, block=_ROWS)["count"].astype(int)
 
 
 def forms_at(robot: AnalyticRPR3, joints: np.ndarray) -> dict[str, np.ndarray]:
     """Returns S and Q1 to Q4 at each row of joints."""
-    return _in_blocks(partial(_forms, robot), joints)
+    return in_blocks(partial(_forms, robot), joints, block=_ROWS)
 
 
 def section_cusps(robot: AnalyticRPR3, axis: int, value: float) -> tuple[np.ndarray, np.ndarray]:
@@ -35,17 +34,6 @@ def section_cusps(robot: AnalyticRPR3, axis: int, value: float) -> tuple[np.ndar
 def cusp_edges(robot: AnalyticRPR3) -> rpr3_closed_forms.CuspEdges:
     """Returns the cusp edges as NumPy arrays; see ``rpr3_closed_forms``."""
     return rpr3_closed_forms.CuspEdges(*map(np.asarray, _cusp_edges(robot)))  # type: ignore[arg-type]
-
-
-def _in_blocks(function: Callable[[np.ndarray], dict[str, Array]], joints: np.ndarray) -> dict[str, Any]:
-    parts = []
-    for start in range(0, len(joints), _ROWS):
-        rows = joints[start : start + _ROWS]
-        values = function(np.resize(rows, (_ROWS, joints.shape[1])))
-        parts.append({name: np.asarray(value)[: len(rows)] for name, value in values.items()})
-    if not parts:
-        return {name: np.asarray(value)[:0] for name, value in function(np.ones((_ROWS, joints.shape[1]))).items()}
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
 @jax.jit
