@@ -28,6 +28,21 @@ def stored(entry: dict[str, Any]) -> tuple[rpr3.GeneralRPR3, jk.Grid]:
     return rpr3.general(**entry["geometry"]), grid
 
 
+def relabelled(entry: dict[str, Any]) -> tuple[rpr3.GeneralRPR3, jk.Grid]:
+    """Returns a stored robot and section with legs 2 and 3 exchanged.
+
+    The frames turn so that their x axes pass the joints that are now called the second.
+    """
+    g, grid = entry["geometry"], stored(entry)[1]
+    alpha = np.arctan2(g["d3"], g["c3"])
+    robot = rpr3.general(
+        np.hypot(g["c3"], g["d3"]), g["c2"] * np.cos(alpha), -g["c2"] * np.sin(alpha), g["l3"], g["l2"], -g["beta"]
+    )
+    swap = {"rho1": "rho1", "rho2": "rho3", "rho3": "rho2"}
+    axes = {swap[name]: (v.low, v.high, v.count) if hasattr(v, "low") else v for name, v in grid.axes.items()}
+    return robot, jk.Grid(**axes)
+
+
 def rows(entry: dict[str, Any], name: str) -> np.ndarray:
     """Returns the cusps' joints ("rho") or poses ("pose") of an entry."""
     return np.array([cusp[name] for cusp in entry["cusps"]]).reshape(-1, 3)

@@ -104,9 +104,7 @@ class Picture:
         files = {}
         for suffix in ("png", "pdf"):
             buffer = io.BytesIO()
-            # Now and then BLAS raises a flag in the projection of finite points to finite points.
-            with np.errstate(over="ignore", invalid="ignore"):
-                self.figure.savefig(buffer, format=suffix, dpi=200)
+            self.figure.savefig(buffer, format=suffix, dpi=200)
             files[f"{name}.{suffix}"] = buffer.getvalue()
         return files
 

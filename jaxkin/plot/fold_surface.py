@@ -277,7 +277,10 @@ def _paint(ax: Axes3D, sheets: dict[int, list[np.ndarray]], size: np.ndarray, az
             if sheet
         ]
     )
-    layer = Poly3DCollection(polygons, facecolors=paint, edgecolors=paint, linewidths=0.25, zorder=2)
+    # matplotlib leaves memory unset behind the corners of the shorter polygons, and projects it: all get as many.
+    corners = max(map(len, polygons))
+    even = np.array([np.concatenate([p, np.repeat(p[-1:], corners - len(p), axis=0)]) for p in polygons])
+    layer = Poly3DCollection(even, facecolors=paint, edgecolors=paint, linewidths=0.25, zorder=2)
     # As vectors, thousands of small faces show their seams.
     layer.set_rasterized(True)
     ax.add_collection3d(layer, autolim=False)

@@ -1,45 +1,20 @@
 import csv
 import json
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import xarray
 
-from jaxkin.cli.main import main
-
 MAP = ["map", "rpr3-analytic", "--fix", "rho2=1", "--grid", "rho1=0:4:40", "--grid", "rho3=0:4:50"]
-
-
-@pytest.fixture(autouse=True)
-def _cache(tmp_path_factory, monkeypatch):
-    monkeypatch.setenv("JAXKIN_CACHE_DIR", str(tmp_path_factory.getbasetemp() / "cache"))
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
 
 
 def snapshot(folder):
     return {p: p.read_bytes() for p in sorted(folder.rglob("*")) if p.is_file()}
 
 
-def test_help_and_version_do_not_import_jax():
-    code = (
-        "import sys\nfrom jaxkin.cli.main import main\n"
-        "try:\n    main(sys.argv[1:])\nexcept SystemExit as e:\n    assert not e.code\n"
-        "heavy = {'jax', 'numpy', 'matplotlib', 'xarray', 'zarr'} & set(sys.modules)\nassert not heavy, heavy\n"
-    )
+def test_help_and_version_do_not_import_jax(run_light):
     for arguments in (["--help"], ["--version"], ["map", "--help"], ["forward", "--help"], ["list"]):
-        subprocess.run([sys.executable, "-c", code, *arguments], check=True, capture_output=True)
+        run_light(*arguments)
 
 
 def test_list(run):

@@ -1,36 +1,11 @@
 import csv
 import json
 import math
-import subprocess
-import sys
 
 import pytest
 
-from jaxkin.cli.main import main
-
 SECTION = ["rpr3-analytic", "--fix", "rho2=1", "--grid", "rho1=0:4:40", "--grid", "rho3=0:4:50"]
 LOCI, CUSPS = ["loci", *SECTION], ["cusps", *SECTION]
-
-
-@pytest.fixture(scope="module")
-def cache(tmp_path_factory):
-    return str(tmp_path_factory.getbasetemp() / "cache")
-
-
-@pytest.fixture(autouse=True)
-def _cache(cache, monkeypatch):
-    monkeypatch.setenv("JAXKIN_CACHE_DIR", cache)
-
-
-@pytest.fixture
-def run(capsys):
-    def call(*arguments):
-        with pytest.raises(SystemExit) as caught:
-            main([str(a) for a in arguments])
-        out, err = capsys.readouterr()
-        return caught.value.code, out, err
-
-    return call
 
 
 def snapshot(folder):
@@ -38,13 +13,8 @@ def snapshot(folder):
 
 
 @pytest.mark.parametrize("command", ["loci", "cusps"])
-def test_help_has_examples_and_imports_nothing_heavy(command):
-    code = (
-        "import sys\nfrom jaxkin.cli.main import main\n"
-        "try:\n    main(sys.argv[1:])\nexcept SystemExit as e:\n    assert not e.code\n"
-        "heavy = {'jax', 'numpy', 'matplotlib', 'xarray', 'zarr'} & set(sys.modules)\nassert not heavy, heavy\n"
-    )
-    done = subprocess.run([sys.executable, "-c", code, command, "--help"], check=True, capture_output=True, text=True)
+def test_help_has_examples_and_imports_nothing_heavy(command, run_light):
+    done = run_light(command, "--help")
     assert f"jaxkin {command} rpr3 --fix rho1=14.98" in done.stdout
 
 

@@ -8,10 +8,12 @@ import mechanism_zoo as zoo
 import numpy as np
 import pytest
 from oracles import rpr3_sections as oracle
+from oracles import rpr3_torus as torus
 from section_checks import (
     SECTIONS,
     image,
     polyline_distance,
+    relabelled,
     residuals,
     section,
     sheet,
@@ -100,9 +102,9 @@ def test_longest_first(entry):
 
 def test_no_singular_pose_of_the_section_is_missing(entry):
     stored_entry, robot, curves = entry
-    geometry = oracle.Geometry(**stored_entry["geometry"])
+    geometry = torus.Geometry(**stored_entry["geometry"])
     phis = np.linspace(-3.0, 3.0, 25)
-    points = oracle.singular_points(geometry, stored_entry["fixed_axis"], stored_entry["fixed_value"], phis)
+    points = torus.singular_points(geometry, stored_entry["fixed_axis"], stored_entry["fixed_value"], phis)
     assert len(points) > 0
     length = float(robot.characteristic_length())
     poses = points[:, [1, 2, 0]] / [length, length, 1]
@@ -338,17 +340,10 @@ def test_the_unit_of_length_does_not_matter(scale):
 
 @pytest.mark.parametrize("index", [2, 3, 15])
 def test_the_numbers_of_the_legs_do_not_matter(index):
-    # Legs 2 and 3 exchanged: the frames turn so that their x axes pass the joints now called the second.
     entry = SECTIONS[index]
     robot, grid = stored(entry)
-    g = entry["geometry"]
-    alpha = np.arctan2(g["d3"], g["c3"])
-    other = rpr3.general(
-        np.hypot(g["c3"], g["d3"]), g["c2"] * np.cos(alpha), -g["c2"] * np.sin(alpha), g["l3"], g["l2"], -g["beta"]
-    )
-    swap = {"rho1": "rho1", "rho2": "rho3", "rho3": "rho2"}
-    axes = {swap[name]: (v.low, v.high, v.count) if hasattr(v, "low") else v for name, v in grid.axes.items()}
-    one, two = jk.singular_curves(robot, grid), jk.singular_curves(other, jk.Grid(**axes))
+    other, swapped = relabelled(entry)
+    one, two = jk.singular_curves(robot, grid), jk.singular_curves(other, swapped)
     assert len(one) == len(two) == entry["components"]
     order = [0, 2, 1]
     lines = [np.concatenate([c.joints, c.joints[:1]])[:, order] for c in two]
@@ -528,10 +523,10 @@ def test_the_record_says_what_it_holds(member):
 @pytest.mark.parametrize("block", range(5))
 def test_components_of_random_robots(block):
     for seed in range(5000 + 40 * block, 5040 + 40 * block):
-        geometry, axis, value = oracle.random_section(seed)
+        geometry, axis, value = torus.random_section(seed)
         try:
             exact = oracle.components(geometry, axis, value).count
-        except oracle.Degenerate:
+        except torus.Degenerate:
             continue
         robot = rpr3.general(geometry.c2, geometry.c3, geometry.d3, geometry.l2, geometry.l3, geometry.beta)
         curves = jk.singular_curves(robot, section(axis - 1, value, high=30.0))

@@ -11,7 +11,9 @@ import pytest
 from flint import fmpq, fmpq_poly
 
 from .rpr3_exact import count_general, rational, tarski_query
-from .rpr3_sections import (
+from .rpr3_section_scan import scan
+from .rpr3_sections import components, cusp_points
+from .rpr3_torus import (
     REFERENCE,
     Degenerate,
     Geometry,
@@ -19,10 +21,7 @@ from .rpr3_sections import (
     Section,
     analytic,
     characteristic,
-    components,
-    cusp_points,
     random_section,
-    scan,
     singular_points,
 )
 

@@ -16,7 +16,7 @@ ROOT = Path(__file__).resolve().parents[3]
 def measure() -> list[Metric]:
     """Times a section of each family, compiled and not, and holds the cusps against what is known of them."""
     import jaxkin as jk
-    from tests.oracles import rpr3_sections
+    from tests.oracles import rpr3_sections, rpr3_torus
 
     jk.enable_x64()
     data = json.loads((ROOT / "tests" / "data" / "rpr3_sections.json").read_text())
@@ -24,7 +24,7 @@ def measure() -> list[Metric]:
     reference, analytic = jk.mechanisms.rpr3.reference(), jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
     wide = jk.Grid(rho1=14.98, rho2=(0.0, 50.0, 400), rho3=(0.0, 50.0, 400))
     small = jk.Grid(rho1=(0.0, 4.0, 400), rho2=1.0, rho3=(0.0, 4.0, 400))
-    geometry = rpr3_sections.Geometry(**known["geometry"])
+    geometry = rpr3_torus.Geometry(**known["geometry"])
     times = Times(
         {
             "analytic": lambda: (jk.singular_curves(analytic, small), jk.cusps(analytic, small)),
