@@ -169,13 +169,14 @@ def around(joints, axis, radius, n):
 def test_two_modes_more_inside_a_cusp_and_the_signs_balance(name, radius):
     entry = next(e for e in SECTIONS if e["name"] == name)
     robot, cusps = cusps_of_entry(entry)
-    axis, n = entry["fixed_axis"] - 1, 4096
+    # As many samples as put several into the narrowest wedge.
+    axis, n = entry["fixed_axis"] - 1, 1 << 15
     size = float(robot.characteristic_length())
     for joints, pose in zip(cusps.joints, np.concatenate(cusps.poses), strict=True):
         modes, signs = jax.tree.map(np.asarray, forward(robot, around(joints, axis, radius * size, n)))
-        # On jax 0.12 one sample of 4096 beside a fold comes out odd, and says that float64 cannot decide it.
+        # A sample on one of the two folds may come out odd, and says that float64 cannot decide it.
         odd = (signs != 0) & np.any(modes.status == jk.Status.UNDECIDED, axis=1)
-        assert np.sum(odd) <= 1
+        assert np.sum(odd) <= 2
         modes, signs = jax.tree.map(lambda a, rows=~odd: a[rows], (modes, signs))
         np.testing.assert_array_equal(signs, 0)
         number = modes.valid.sum(axis=1)
