@@ -66,7 +66,7 @@ class Branches:
         valid = np.asarray(self.valid)
         lines = [f"{int(valid.sum())} real solutions in {valid.size} lanes"]
         for lane in np.flatnonzero(valid):
-            numbers = "  ".join(f"{value: .12g}" for value in np.asarray(self.values[lane]))
+            numbers = "  ".join(f"{value: .12g}" for value in np.asarray(self.values[lane]) + 0.0)
             note = "" if int(self.status[lane]) == Status.OK else f"  {Status(int(self.status[lane])).name.lower()}"
             multiple = int(self.multiplicity[lane])
             lines.append(

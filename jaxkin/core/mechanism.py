@@ -90,7 +90,8 @@ class Mechanism:
     polynomial in lengths and in sines and cosines: no ``abs``, no ``arctan2``, no comparison.
 
     Optional hot kernels take and return tuples of arrays of one batch shape and are elementwise:
-    ``inverse_kernel(pose) -> tuple[Lane, ...]``, ``forward_kernel(joints) -> tuple[Lane, ...]`` and
+    ``inverse_kernel(pose) -> tuple[Lane, ...]``, ``forward_kernel(joints) -> tuple[Lane, ...]``,
+    ``frame_kernel(joints) -> tuple[Lane, ...]`` (spatial robots: position and rotation matrix) and
     ``count_kernel(joints) -> Count`` (forward solutions, counted without solving). A kernel neither
     checks finite input nor applies limits; the caller in ``kinematics`` does that once for all.
     """
@@ -98,6 +99,8 @@ class Mechanism:
     id: ClassVar[str] = ""
     pose_axes: ClassVar[tuple[Axis, ...]]
     joint_axes: ClassVar[tuple[Axis, ...]]
+    #: What tells the forward lanes apart, where each has an identity (a sign, say); empty where they are only ordered.
+    forward_labels: ClassVar[tuple[str, ...]] = ()
     #: Lanes of the generic search where there is no closed form.
     max_branches: ClassVar[int] = 8
     #: Samples of a forward solve that stay in cache together; measured per mechanism.
@@ -105,6 +108,7 @@ class Mechanism:
 
     inverse_kernel: Callable[..., tuple[Lane, ...]] | None = None
     forward_kernel: Callable[..., tuple[Lane, ...]] | None = None
+    frame_kernel: Callable[..., tuple[Lane, ...]] | None = None
     count_kernel: Callable[..., Count] | None = None
 
     def constraints(self, pose: Array, joints: Array) -> Array:
@@ -159,17 +163,19 @@ class Mechanism:
         """True where the geometry defines a working mechanism; elementwise over a batch of robots."""
         ok = jnp.asarray(True)
         for field in dataclasses.fields(self):  # type: ignore[arg-type]
-            if field.name != "limits":
-                for leaf in jax.tree_util.tree_leaves(getattr(self, field.name)):
+            value = getattr(self, field.name)
+            if not isinstance(value, Limits) and not field.metadata.get("static", False):
+                for leaf in jax.tree_util.tree_leaves(value):
                     ok = ok & jnp.all(jnp.isfinite(leaf))
         return ok
 
     def geometry(self) -> dict[str, Any]:
-        """Returns the leaves by name as plain numbers and lists (concrete mechanisms only)."""
+        """Returns the leaves and the static fields by name as plain numbers and lists (concrete mechanisms only)."""
         leaves = jax.tree_util.tree_flatten_with_path(self)[0]
+        static = [field.name for field in dataclasses.fields(self) if field.metadata.get("static", False)]  # type: ignore[arg-type]
         return {
             jax.tree_util.keystr(path, simple=True, separator="."): jnp.asarray(leaf).tolist() for path, leaf in leaves
-        }
+        } | {name: getattr(self, name) for name in static}
 
     def replace(self, **changes: Any) -> "Mechanism":
         """Returns a copy with other leaves; unlike the constructors it checks nothing."""

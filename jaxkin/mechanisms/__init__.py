@@ -2,4 +2,6 @@
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach(__name__, submodules=["rpr3", "rpr3_closed_forms", "catalogue"])
+__getattr__, __dir__, __all__ = lazy_loader.attach(
+    __name__, submodules=["rpr3", "rpr3_closed_forms", "ppps3", "tlpm", "catalogue"]
+)

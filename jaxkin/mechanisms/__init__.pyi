@@ -1,3 +1,5 @@
 from . import catalogue as catalogue
+from . import ppps3 as ppps3
 from . import rpr3 as rpr3
 from . import rpr3_closed_forms as rpr3_closed_forms
+from . import tlpm as tlpm

@@ -49,6 +49,20 @@ CATALOGUE: dict[str, Entry] = {
         geometry={"c2": 15.91, "c3": 0.0, "d3": 10.0, "l2": _SIDES[0], "l3": _SIDES[2], "beta": _BETA},
         source="Innocenti and Parenti-Castelli 1998",
     ),
+    "ppps3": Entry(
+        title="3-PPPS with U-shaped base, six degrees of freedom",
+        module="jaxkin.mechanisms.ppps3",
+        constructor="create",
+        geometry={"side": 1.0, "base_radius": 2.0},
+        source="Chablat, Baron, Jha and Rolland 2018",
+    ),
+    "tlpm": Entry(
+        title="TLPM, three translations by three limb lengths (mm)",
+        module="jaxkin.mechanisms.tlpm",
+        constructor="create",
+        geometry={"base_radius": 590.0, "height": 590.0, "a": 25.0, "b": 150.0, "r1": 150.0, "r2": 110.0},
+        source="Fu and Gao",
+    ),
 }
 
 

@@ -25,6 +25,7 @@ from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechani
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general, rpr3_closed_forms
+from jaxkin.mechanisms._geometry import batch_limits, leaves
 from jaxkin.mechanisms.catalogue import CATALOGUE
 
 Point = tuple[Array, Array]
@@ -249,26 +250,6 @@ class GeneralRPR3(_PlanarRPR3):
         return proper & (apart <= TOLERANCES.geometry * spread)
 
 
-def _leaves(**leaves: ArrayLike) -> dict[str, Array]:
-    """Converts geometry to float arrays, and names one that is not a number or not finite."""
-    result = {}
-    for name, value in leaves.items():
-        try:
-            array = jnp.asarray(value, dtype=float)
-        except (TypeError, ValueError) as error:
-            raise GeometryError(f"{name} is {value!r}: geometry must be a number or an array of numbers.") from error
-        if not is_traced(array) and not np.all(np.isfinite(array)):
-            raise GeometryError(f"{name} is {value}: geometry must be finite; replace NaN and infinite values.")
-        result[name] = array
-    try:
-        return dict(zip(result, jnp.broadcast_arrays(*result.values()), strict=True))
-    except ValueError as error:
-        shapes = ", ".join(f"{name} {jnp.shape(value)}" for name, value in result.items())
-        raise GeometryError(
-            f"The shapes of the geometry differ ({shapes}): give numbers, or arrays of one shape."
-        ) from error
-
-
 def analytic(c2: ArrayLike, c3: ArrayLike, d3: ArrayLike, limits: Limits | None = None) -> AnalyticRPR3:
     """Returns a member of Wenger and Chablat's analytic family.
 
@@ -284,9 +265,9 @@ def analytic(c2: ArrayLike, c3: ArrayLike, d3: ArrayLike, limits: Limits | None 
     Arrays of one shape make a batch of robots for ``jax.vmap``. Traceable: under ``jit``, ``vmap`` and
     ``grad`` nothing is checked, and a bad geometry shows as the status INVALID_GEOMETRY.
     """
-    leaves = _leaves(c2=c2, c3=c3, d3=d3)
-    robot = AnalyticRPR3(**leaves, limits=_batch_limits(limits, leaves["c2"]))
-    if not any(map(is_traced, leaves.values())) and not np.all(robot.geometry_ok()):
+    values = leaves(c2=c2, c3=c3, d3=d3)
+    robot = AnalyticRPR3(**values, limits=_limits(limits, values["c2"]))
+    if not any(map(is_traced, values.values())) and not np.all(robot.geometry_ok()):
         raise GeometryError(
             f"c2={c2}, c3={c3}, d3={d3}: neither c2 nor d3 may be zero (A1, A2, A3 must form a triangle); "
             "for aligned joints use rpr3.general."
@@ -321,12 +302,12 @@ def general(
     Arrays of one shape make a batch of robots for ``jax.vmap``. Traceable: under ``jit``, ``vmap`` and
     ``grad`` nothing is checked, and a bad geometry shows as the status INVALID_GEOMETRY.
     """
-    leaves = _leaves(c2=c2, c3=c3, d3=d3, l2=l2, l3=l3, beta=beta)
-    robot = GeneralRPR3(**leaves, limits=_batch_limits(limits, leaves["c2"]))
-    if not any(map(is_traced, leaves.values())):
+    values = leaves(c2=c2, c3=c3, d3=d3, l2=l2, l3=l3, beta=beta)
+    robot = GeneralRPR3(**values, limits=_limits(limits, values["c2"]))
+    if not any(map(is_traced, values.values())):
         for name in ("l2", "l3"):
-            if np.any(np.asarray(leaves[name]) < 0):
-                raise GeometryError(f"{name} is {leaves[name]}: a side must not be negative; turn beta by pi instead.")
+            if np.any(np.asarray(values[name]) < 0):
+                raise GeometryError(f"{name} is {values[name]}: a side must not be negative; turn beta by pi instead.")
         if not np.all(robot.geometry_ok()):
             raise GeometryError(
                 f"c2={c2}, c3={c3}, d3={d3}, l2={l2}, l3={l3}, beta={beta}: two legs share both joints, or all "
@@ -344,12 +325,5 @@ def reference(limits: Limits | None = None) -> GeneralRPR3:
     return general(**CATALOGUE["rpr3"].geometry, limits=limits)
 
 
-def _batch_limits(limits: Limits | None, leaf: Array) -> Limits:
-    """Gives limits the batch shape of the geometry, so that a batch of robots maps over every leaf."""
-    limits = Limits.lengths(3) if limits is None else limits
-    if not isinstance(limits, Limits) or {jnp.shape(limits.low)[-1:], jnp.shape(limits.high)[-1:]} != {(3,)}:
-        raise GeometryError(f"limits is {limits!r}: it must be a jaxkin.Limits with three low and three high values.")
-    if not is_traced(limits.low) and not is_traced(limits.high) and not np.all(limits.low <= limits.high):
-        raise GeometryError(f"limits is {limits!r}: every low limit must be a number not greater than the high one.")
-    shape = (*leaf.shape, 3)
-    return Limits(jnp.broadcast_to(limits.low, shape), jnp.broadcast_to(limits.high, shape))
+def _limits(limits: Limits | None, leaf: Array) -> Limits:
+    return batch_limits("limits", Limits.lengths(3) if limits is None else limits, 3, leaf)
