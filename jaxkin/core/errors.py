@@ -61,7 +61,8 @@ _SENTENCES = {
     Status.OK: "a regular solution",
     Status.SINGULAR: "a singular solution: as many solutions as its multiplicity coincide within the stated "
     "tolerance; derivatives do not exist there, so move the input off the singularity to differentiate",
-    Status.NO_REAL_SOLUTION: "no real solution in this lane",
+    Status.NO_REAL_SOLUTION: "no real solution in this lane; where all lanes say so, the mechanism cannot be closed at "
+    "these values: move them into the reachable range",
     Status.NOT_CONVERGED: "a candidate did not converge to the residual tolerance; scale the lengths to order "
     "one, or report the input as a bug",
     Status.OUTSIDE_LIMITS: "joint values outside the limits (a negative length is always outside); widen "

@@ -86,6 +86,9 @@ class Mechanism:
     A subclass declares its geometry as annotated fields, ``pose_axes`` and ``joint_axes`` as plain class
     attributes, and ``constraints``. All the rest is optional and has a generic stand-in.
 
+    A spatial mechanism whose determinant vanishes where only the angles of its pose are singular declares ``factors``
+    (of the robot) and ``chart_factors`` (of the angles): singular sets are then those of ``factors``.
+
     ``constraints`` must be square (as many equations as pose coordinates and as joints), smooth, and
     polynomial in lengths and in sines and cosines: no ``abs``, no ``arctan2``, no comparison.
 
@@ -105,6 +108,11 @@ class Mechanism:
     max_branches: ClassVar[int] = 8
     #: Samples of a forward solve that stay in cache together; measured per mechanism.
     forward_block: ClassVar[int] = 4096
+
+    #: Pose angles of which the equations have the period 2 pi although their interval is shorter (Euler angles), ...
+    covered: ClassVar[tuple[str, ...]] = ()
+    #: ... and the other triple of angles of the same configuration, ``twin(pose) -> pose``.
+    twin: Callable[..., Array] | None = None
 
     inverse_kernel: Callable[..., tuple[Lane, ...]] | None = None
     forward_kernel: Callable[..., tuple[Lane, ...]] | None = None
@@ -149,6 +157,31 @@ class Mechanism:
         limits = getattr(self, "limits", None)
         return Limits.none(len(self.joint_axes)) if limits is None else limits
 
+    def with_limits(self, **intervals: tuple[float, float]) -> "Mechanism":
+        """Returns a copy with other limits of some joints, ``robot.with_limits(rho1=(0.5, 2.0))``.
+
+        Raises:
+            InputError: A joint is unknown, the mechanism has no limits, or an interval is the wrong way round.
+        """
+        changed, robot = dict(intervals), self
+        for name, names in self.limit_fields().items():
+            own = {key: changed.pop(key) for key in list(changed) if key in names}
+            if own:
+                robot = robot.replace(**{name: _changed_limits(getattr(robot, name), names, own)})
+        if changed:
+            known = [key for names in self.limit_fields().values() for key in names]
+            raise InputError(
+                f"{self.id or type(self).__name__} has no limits of {', '.join(changed)}: choose among "
+                f"{', '.join(known) or '(none)'}."
+            )
+        return robot
+
+    def limit_fields(self) -> dict[str, tuple[str, ...]]:
+        """Returns the fields that hold limits, each with the names of what it limits."""
+        if not hasattr(self, "limits"):
+            return {}
+        return {"limits": tuple(axis.name for axis in self.joint_axes)}
+
     def margins(self, pose: Array, joints: Array) -> dict[str, Array]:
         """Returns the signed distance to every limit, one named entry each; negative is a violation."""
         del pose
@@ -158,6 +191,11 @@ class Mechanism:
             margins[f"{axis.name}_low"] = joints[..., index] - limits.low[index]
             margins[f"{axis.name}_high"] = limits.high[index] - joints[..., index]
         return margins
+
+    def margin_unit(self, name: str) -> str:
+        """Returns the unit of a margin; override it where there are margins besides the joints' limits."""
+        units = {axis.name: axis.unit for axis in self.joint_axes}
+        return units.get(name.removesuffix("_low").removesuffix("_high"), "length")
 
     def geometry_ok(self) -> Array:
         """True where the geometry defines a working mechanism; elementwise over a batch of robots."""
@@ -190,6 +228,18 @@ class Mechanism:
             f"{name}={value:.12g}" for name, value in self.geometry().items() if isinstance(value, int | float)
         )
         return f"{self.id or type(self).__name__}({parts})"
+
+
+def _changed_limits(limits: Limits, names: tuple[str, ...], intervals: dict[str, tuple[float, float]]) -> Limits:
+    low, high = limits.low, limits.high
+    for name, (least, most) in intervals.items():
+        if not least <= most:
+            raise InputError(
+                f"The limits of {name} are {least:g} and {most:g}: the low one must be a number not greater than the "
+                "high one; exchange them."
+            )
+        low, high = low.at[..., names.index(name)].set(least), high.at[..., names.index(name)].set(most)
+    return Limits(low, high)
 
 
 Subclass = TypeVar("Subclass", bound=type[Mechanism])

@@ -9,6 +9,7 @@ from jaxkin.core.branches import Branches, stack_lanes
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import forward_lanes, inverse_lanes
+from jaxkin.numerics.small_linalg import any_determinant
 
 
 def solve_table(robot: Mechanism, rows: ArrayLike, *, forward: bool) -> tuple[Branches, Array]:
@@ -32,7 +33,7 @@ def _solve(robot: Mechanism, rows: Array, forward: bool) -> tuple[Branches, Arra
 
     def determinant(row: Array, solution: Array, here: Array) -> Array:
         pose, joints = (solution, row) if forward else (row, solution)
-        return jnp.where(here, jnp.linalg.det(raw_jacobians(robot, pose, joints).direct), jnp.nan)
+        return jnp.where(here, any_determinant(raw_jacobians(robot, pose, joints).direct), jnp.nan)
 
     per_branch = jax.vmap(determinant, in_axes=(None, 0, 0))
     return branches, jax.vmap(per_branch)(rows, branches.values, branches.valid)

@@ -66,5 +66,5 @@ def raw_conditioning(robot: Mechanism, pose: Array, joints: Array) -> Conditioni
     else:
         singular_values = jnp.linalg.svd(rates, compute_uv=False)
         smallest, largest = singular_values[-1], singular_values[0]
-        determinant = jnp.linalg.det(direct)
+        determinant = small_linalg.any_determinant(direct)
     return Conditioning(determinant, smallest, smallest / largest)

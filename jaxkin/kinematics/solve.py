@@ -43,8 +43,10 @@ def forward(robot: Mechanism, joints: ArrayLike) -> Branches:
         joints: ``(n_joint,)``; use ``jax.vmap`` for many.
 
     Returns:
-        ``Branches`` with ``values`` ``(n_branch, n_pose)``, real solutions first, angles in [-pi, pi). For the
-        3-RPR the lanes ascend in phi. Joints outside the limits have no solution and the status OUTSIDE_LIMITS.
+        ``Branches`` with ``values`` ``(n_branch, n_pose)``, angles in [-pi, pi). Where the mechanism has
+        ``forward_labels`` each lane has an identity (3-PPPS: the signs of R22 and R33; TLPM: the side of the base
+        plane); else real solutions come first, for the 3-RPR by ascending phi. Joints outside the limits have no
+        solution and the status OUTSIDE_LIMITS.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -63,6 +65,16 @@ def forward_lanes(robot: Mechanism, joints: tuple[Array, ...]) -> tuple[Lane, ..
         lanes = robot.forward_kernel(joints)
     else:
         lanes = _by_search(robot, joints, robot.joint_axes, robot.pose_axes, False)
+    return _guarded(robot, joints, lanes)
+
+
+def frame_lanes(robot: Mechanism, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
+    """Solves the forward problem as position and rotation matrix, statuses included (spatial robots with a kernel)."""
+    assert robot.frame_kernel is not None
+    return _guarded(robot, joints, robot.frame_kernel(joints))
+
+
+def _guarded(robot: Mechanism, joints: tuple[Array, ...], lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:
     outside = ~inside_limits(robot, joints)
     return tuple(
         _masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, joints)) for lane in lanes

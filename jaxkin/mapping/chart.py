@@ -37,6 +37,7 @@ class SectionData(NamedTuple):
         free_unit: ``(2,)`` one unit per free joint.
         row_scale: ``(n,)`` magnitude of each equation's terms.
         matrix_scale: ``(n,)`` magnitude of each row of A, for poses in their units.
+        factor: ``(n_factor,)`` picks the factor that stands for det A, where the mechanism declares ``chart_factors``.
         low: ``(2,)`` lower ends of the free joints.
         high: ``(2,)`` upper ends.
     """
@@ -50,6 +51,7 @@ class SectionData(NamedTuple):
     free_unit: Array
     row_scale: Array
     matrix_scale: Array
+    factor: Array
     low: Array
     high: Array
 
@@ -111,14 +113,27 @@ class Chart:
 
     @partial(jax.jit, static_argnums=0)
     def determinant(self, data: SectionData, u: Array) -> Array:
-        """Returns det A, dimensionless, a polynomial of the entries."""
+        """Returns det A, dimensionless, a polynomial of the entries.
+
+        Where the mechanism tells singularities of its pose coordinates apart, one of the other factors instead: det A
+        vanishes to second order at a gimbal lock, along curves that are no singularity of the robot.
+        """
+        if tells_factors(data.robot):
+            return jnp.dot(data.factor, self.factors(data, u))
         return expanded_determinant(self.matrix(data, u))
+
+    def factors(self, data: SectionData, u: Array) -> Array:
+        """Returns the mechanism's factors of det A, ``(n_factor,)``, in its order."""
+        return jnp.stack(list(data.robot.factors(self.pose(data, u)).values()))  # type: ignore[attr-defined]
 
     def determinant_size(self, data: SectionData, u: Array) -> Array:
         """Returns Hadamard's bound, the product of the lengths of A's rows, by which det A is judged.
 
-        Rows are of order one; a leg of zero length has a row of zeros, and each counts as 0.01 at least.
+        Rows are of order one; a leg of zero length has a row of zeros, and each counts as 0.01 at least. A factor that
+        stands for det A is of order one itself.
         """
+        if tells_factors(data.robot):
+            return jnp.ones(())
         matrix = self.matrix(data, u)
         return jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
 
@@ -206,6 +221,11 @@ class Chart:
     def tangent(self, data: SectionData, u: Array) -> Array:
         """Returns the oriented direction of the singular curve, not normalised; zero at a crossing."""
         return null_vector(jax.jacfwd(partial(self.singular, data))(u))
+
+
+def tells_factors(robot: Mechanism) -> bool:
+    """True where the mechanism tells singularities of its pose coordinates from its own."""
+    return hasattr(robot, "chart_factors")
 
 
 def picked(rows: Array, values: Array) -> Array:

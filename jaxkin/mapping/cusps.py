@@ -14,7 +14,7 @@ from jaxkin.mapping import search
 from jaxkin.mapping.batch import over_points
 from jaxkin.mapping.chart import Chart, SectionData
 from jaxkin.mapping.cusp_search import newton_roots, roots_along_curves, roots_from_starts
-from jaxkin.mapping.loci import evaluated
+from jaxkin.mapping.loci import evaluated, summed
 from jaxkin.mapping.records import Cusps, Other
 from jaxkin.mapping.section import Section, bind_section
 from jaxkin.mapping.tracing import Traced, trace_section
@@ -60,16 +60,22 @@ def cusps(robot: Mechanism, section: Grid) -> Cusps:
         parallel manipulators", Robotica 25(6): cusps as triple roots, six in their section rho1 = 14.98.
     """
     bound = bind_section("jk.cusps", robot, section)
-    traced = trace_section(bound)
-    return cusps_of(bound, traced)
+    facts: list[_Fact] = []
+    others: list[Other] = []
+    evidence = []
+    for sheet in bound.sheets():
+        found = _cusps_of(sheet, trace_section(sheet))
+        facts, others, evidence = facts + found[0], others + found[1], [*evidence, found[2]]
+    return _grouped(bound, facts, others, summed(evidence))
 
 
-def cusps_of(section: Section, traced: Traced) -> Cusps:
-    """Finds the cusps of a section whose singular curves are traced."""
+def _cusps_of(section: Section, traced: Traced) -> "tuple[list[_Fact], list[Other], dict[str, Any]]":
+    """Finds the cusps on one sheet whose singular curves are traced, what only looks like one, and the evidence."""
     along, changes, still = roots_along_curves(section, traced)
     apart = roots_from_starts(section)
     points = np.concatenate([along, apart])
     kept = search.distinct(section, points)
+    kept = kept[search.without_twins(section, points[kept])]
     points = points[kept]
     facts = _facts(section, points)
     near_crossing = search.near(section, points, np.concatenate([traced.crossings, traced.isolated]), _AT_CROSSING)
@@ -88,8 +94,9 @@ def cusps_of(section: Section, traced: Traced) -> Cusps:
         if kind not in ("cusp", "crossing", "")
     ]
     for kind, points in (("self-motion", still), ("isolated point", traced.isolated), ("crossing", traced.crossings)):
+        points = points[search.without_twins(section, points)]
         others += [Other(kind, q, x) for q, x in zip(*evaluated(section, points)[:2], strict=True)]
-    return _grouped(section, [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence)
+    return [f for f, ok in zip(facts, good, strict=True) if ok], others, evidence
 
 
 @dataclass(frozen=True)

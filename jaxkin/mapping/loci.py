@@ -14,9 +14,10 @@ from jaxkin.mapping import search
 from jaxkin.mapping.assembly import Arc, End, strands_of
 from jaxkin.mapping.batch import in_blocks, over_points
 from jaxkin.mapping.chart import Chart, SectionData
+from jaxkin.mapping.meetings import meetings
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section, bind_section
-from jaxkin.mapping.tracing import trace_section
+from jaxkin.mapping.tracing import trace_section, whole_curves
 from jaxkin.numerics.gluing import short_way
 from jaxkin.sweep.grid import Grid
 
@@ -62,17 +63,39 @@ def singular_curves(robot: Mechanism, section: Grid, *, method: str = "trace") -
         return closed_form_curves(bound)
     if method != "trace":
         raise InputError(f"jk.singular_curves: method is {method!r}: choose 'trace' or 'closed form'.")
-    traced = trace_section(bound)
-    curves = tuple(_curve(bound, strand) for strand in strands_of(traced.arcs, bound.period))
-    alone = zip(*evaluated(bound, traced.isolated), strict=True)
-    dots = tuple(Curve(q[None], x[None], False, float(r), ends=(_ALONE, _ALONE)) for q, x, r in alone)
-    joints, poses, residual = evaluated(bound, traced.crossings)
+    sheets = bound.sheets()
+    traced = [trace_section(sheet) for sheet in sheets]
+    met = meetings(bound, traced)
+    curves: list[Curve] = []
+    for sheet, part, shared in zip(sheets, traced, met.shared, strict=True):
+        own = [arc for arc, twice in zip(part.arcs, shared, strict=True) if not twice]
+        curves += [_curve(sheet, strand) for strand in whole_curves(sheet, strands_of(own, bound.period))]
+    isolated, nodes = (gathered(bound, [getattr(part, name) for part in traced]) for name in ("isolated", "crossings"))
+    alone = zip(*evaluated(bound, isolated), strict=True)
+    dots = [Curve(q[None], x[None], False, float(r), ends=(_ALONE, _ALONE)) for q, x, r in alone]
+    joints, poses, residual = evaluated(bound, gathered(bound, [nodes, met.points]))
     return SingularCurves(
-        curves=curves + dots,
+        curves=(*sorted(curves, key=lambda curve: -len(curve)), *dots) if len(sheets) > 1 else (*curves, *dots),
         crossings=Crossings(joints, poses, residual),
         **bound.record("trace"),
-        evidence=traced.evidence,
+        evidence=summed([part.evidence for part in traced]),
     )
+
+
+def gathered(section: Section, parts: list[np.ndarray]) -> np.ndarray:
+    """Returns the points of several sheets, each once."""
+    points = np.concatenate(parts)
+    points = points[search.distinct(section, points)] if len(parts) > 1 else points
+    return points[search.without_twins(section, points)]
+
+
+def summed(parts: list[dict[str, Any]]) -> dict[str, Any]:
+    """Adds up the evidence of several sheets."""
+    total = dict(parts[0])
+    for part in parts[1:]:
+        for name, value in part.items():
+            total[name] = np.add(total[name], value).tolist()
+    return total
 
 
 def _curve(section: Section, strand: Arc) -> Curve:
@@ -139,6 +162,7 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
     chart, robot = section.chart, section.robot
     values = over_points(_evaluate, chart, section.data, search.glued(section, points))
     joints, poses, residual = np.split(values, [len(robot.joint_axes), len(robot.joint_axes) + chart.n_pose], axis=1)
+    poses = _in_intervals(section, points, poses)
     # On the border rounding may put a joint an ulp outside.
     low, high = np.asarray(section.data.low), np.asarray(section.data.high)
     free = list(section.grid.free)
@@ -148,6 +172,17 @@ def evaluated(section: Section, points: np.ndarray) -> tuple[np.ndarray, np.ndar
         joints[:, free],
     )
     return joints, poses, residual[:, 0]
+
+
+def _in_intervals(section: Section, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
+    """Takes the other triple of angles where one of them is beyond the interval of its axis."""
+    robot = section.robot
+    if robot.twin is None or len(points) == 0:
+        return poses
+    low, high = (np.array([getattr(axis, end) for axis in robot.pose_axes]) for end in ("low", "high"))
+    inside = np.all((poses >= low - 1e-9) & (poses <= high + 1e-9), axis=1, keepdims=True)
+    unit = np.asarray(section.data.pose_unit)
+    return np.where(inside, poses, search.twins(section, points)[:, : section.chart.n_pose] * unit)
 
 
 def _evaluate(chart: Chart, data: SectionData, u: Array) -> Array:

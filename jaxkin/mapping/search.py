@@ -137,6 +137,24 @@ def distinct(section: Section, u: np.ndarray, distance: float = SAME) -> np.ndar
     return np.array(kept, int)
 
 
+def twins(section: Section, u: np.ndarray) -> np.ndarray:
+    """Returns the same configurations by the other triple of angles (the mechanism has a ``twin``)."""
+    n, unit = section.chart.n_pose, np.asarray(section.data.pose_unit)
+    assert section.robot.twin is not None
+    return glued(section, np.hstack([np.asarray(section.robot.twin(u[:, :n] * unit)) / unit, u[:, n:]]))
+
+
+def without_twins(section: Section, u: np.ndarray) -> np.ndarray:
+    """Returns the indices of points, of two triples of angles of one configuration the first."""
+    if section.robot.twin is None or len(u) == 0:
+        return np.arange(len(u))
+    others, kept = twins(section, u), list[int]()
+    for k in range(len(u)):
+        if not near(section, others[k : k + 1], u[kept])[0]:
+            kept.append(k)
+    return np.array(kept, int)
+
+
 def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Returns where the singular curve crosses itself in the box, ``(n, m)``, and both directions, ``(n, 2, m)``.
 

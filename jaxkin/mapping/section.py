@@ -13,7 +13,7 @@ from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_single
 from jaxkin.mapping.batch import BLOCK, over_points
-from jaxkin.mapping.chart import Chart, SectionData, chart_of
+from jaxkin.mapping.chart import Chart, SectionData, chart_of, tells_factors
 from jaxkin.numerics.newton import descend, lattice
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
 
@@ -57,6 +57,12 @@ class Section:
             "units": {axis.name: axis.unit for axis in (*poses, *joints)},
         }
 
+    def sheets(self) -> "tuple[Section, ...]":
+        """Returns the section once for every factor of det A that is traced by itself; mostly once."""
+        names = factor_names(self.robot)
+        picks = np.eye(len(names)) if names else np.zeros((1, 0))
+        return tuple(replace(self, data=self.data._replace(factor=jnp.asarray(pick))) for pick in picks)
+
     def border(self, number: int) -> tuple[int, float]:
         """Returns the joint that is at its bound on a border, and the bound; borders are numbered as margins are."""
         which, end = divmod(number, 2)
@@ -68,6 +74,17 @@ class Section:
             f"{name} = {value[0]:g} .. {value[1]:g}" if isinstance(value, list) else f"{name} = {value:g}"
             for name, value in self.grid.content().items()
         )
+
+
+def factor_names(robot: Mechanism) -> tuple[str, ...]:
+    """Returns the names of the factors that are traced one by one, where the mechanism tells them apart."""
+    if not tells_factors(robot):
+        return ()
+    names: list[str] = []
+    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
+    # Collected inside the trace: a dict that comes out of one has its keys sorted.
+    jax.eval_shape(lambda r, x: names.extend(r.factors(x)), robot, pose)  # type: ignore[attr-defined]
+    return tuple(names)
 
 
 def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
@@ -108,7 +125,27 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
             f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
             "range; widen the free axes or fix the others elsewhere."
         )
+    _refuse_gimbal_lock(who, section)
     return replace(section, data=_scaled(who, section))
+
+
+def _refuse_gimbal_lock(who: str, section: Section) -> None:
+    """Refuses a section with a whole sheet on which only the angles of the pose are singular."""
+    if not tells_factors(section.robot):
+        return
+    sizes = over_points(_chart_factor, section.chart, section.data, section.samples)
+    if np.mean(sizes <= 1e-9) > 0.01:
+        names = ", ".join(f"{section.robot.joint_axes[k].name}" for k in section.grid.free)
+        raise InputError(
+            f"{who}: the section {section.describe()} holds a sheet of gimbal lock, where the angles of the pose "
+            f"cannot tell its curves apart: move a fixed joint a little (by 1e-3, say), or map over {names} with "
+            "jk.sweep."
+        )
+
+
+def _chart_factor(chart: Chart, data: SectionData, u: jax.Array) -> jax.Array:
+    factors: dict[str, jax.Array] = data.robot.chart_factors(chart.pose(data, u))  # type: ignore[attr-defined]
+    return jnp.min(jnp.abs(jnp.stack(list(factors.values()))))
 
 
 def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -158,6 +195,7 @@ def _numbers(
         free_unit=scale_vector(robot.joint_axes, length)[jnp.array(free)],
         row_scale=row_scale,
         matrix_scale=row_scale,
+        factor=jnp.ones(len(factor_names(robot))),
         low=jnp.asarray(low),
         high=jnp.asarray(high),
     )
@@ -192,7 +230,8 @@ def _region(
     for axis, unit in zip(robot.pose_axes, np.asarray(data.pose_unit), strict=True):
         low.append(max(axis.low / unit, -reach))
         high.append(min(axis.high / unit, reach))
-        period.append(np.inf if axis.period is None else axis.period / unit)
+        turn = 2 * np.pi if axis.name in robot.covered else axis.period
+        period.append(np.inf if turn is None else turn / unit)
     for k in chart.unknown:
         axis, unit = robot.joint_axes[bound.free[k]], float(data.free_unit[k])
         low.append(float(data.low[k]) / unit)

@@ -20,6 +20,7 @@ from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import inverse_lanes
 from jaxkin.mapping import _isosurface
 from jaxkin.mapping.batch import in_blocks
+from jaxkin.mapping.chart import tells_factors
 from jaxkin.mapping.meshes import CrossingCurve, SingularSurfaces, Surface
 from jaxkin.numerics import bracket
 from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
@@ -32,6 +33,8 @@ _BLOCK = 1 << 13
 _SLAB = 1 << 19
 #: Inner nodes are moved by this irrational share of a step: no node lies in a plane of symmetry, where factors vanish.
 _SHIFT = (math.sqrt(5) - 2) / 2
+#: So far, in steps, nodes stay from where the angles of a pose are singular.
+_EDGE = 1e-6
 #: Newton steps from a mesh edge to a crossing; they start within a cell of it.
 _CROSSING_STEPS = 12
 #: Samples that tell whether a determinant vanishes everywhere.
@@ -72,6 +75,8 @@ def singular_surfaces(robot: Mechanism, box: Grid) -> SingularSurfaces:
         Wenger and Chablat 2009, Fig. 2. Gosselin, C. and Angeles, J., 1990 (type 2 singularities).
     """
     lattice = _Lattice.over(_checked_box(robot, box))
+    if tells_factors(robot):
+        lattice = lattice.inside_charts()
     values = _sampled(robot, lattice)
     names = _names(robot, len(values))
     _refuse_zero(robot, lattice)
@@ -130,6 +135,20 @@ class _Lattice(NamedTuple):
     def over(cls, bound: BoundGrid) -> "_Lattice":
         nodes, glued = zip(*(_nodes(bound.axes[k], bound.values[k]) for k in bound.free), strict=True)
         return cls(bound, nodes, glued)
+
+    def inside_charts(self) -> "_Lattice":
+        """Returns the lattice with its ends moved off those of the axes, where the angles of a pose are singular.
+
+        On a face on which a factor vanishes everywhere, rounding would decide its signs.
+        """
+        nodes = []
+        for k, samples in zip(self.free, self.nodes, strict=True):
+            axis, inner = self.bound.axes[k], samples.copy()
+            if axis.is_angle and axis.period is None:
+                inner[0] += _EDGE * (samples[1] - samples[0]) * (samples[0] <= axis.low)
+                inner[-1] -= _EDGE * (samples[-1] - samples[-2]) * (samples[-1] >= axis.high)
+            nodes.append(inner)
+        return self._replace(nodes=tuple(nodes))
 
     @property
     def free(self) -> tuple[int, ...]:

@@ -89,6 +89,19 @@ def trace_section(section: Section) -> Traced:
     return Traced(arcs, tangents, nodes[~alone], nodes[alone], evidence)
 
 
+def whole_curves(section: Section, strands: list[Arc]) -> list[Arc]:
+    """Returns curves, one of the two that are the same configurations by different triples of angles."""
+    if section.robot.twin is None:
+        return strands
+    kept: list[Arc] = []
+    for strand in strands:
+        middle = search.twins(section, strand.points[[len(strand.points) // 2]])
+        gap, size = distance_to_arcs(middle, kept, _tangents(section, kept), section.period)
+        if not gap[0] <= _COVERED * size[0] + 1e-7:
+            kept.append(strand)
+    return kept
+
+
 def _stuck(section: Section, network: Network) -> np.ndarray:
     """Returns where tracers got stuck, often enough for a search from some of the points to try them all."""
     pieces = [*network.forward.values(), *network.backward.values()]

@@ -1,16 +1,17 @@
 """What the constructors of all mechanisms check and convert."""
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.typing import ArrayLike
 
 from jaxkin.core.errors import GeometryError
 from jaxkin.core.mechanism import Limits
 from jaxkin.core.tracing import is_traced
 
 
-def leaves(**values: ArrayLike) -> dict[str, Array]:
+def leaves(**values: Any) -> dict[str, Array]:
     """Converts geometry to float arrays of one shape, and names one that is not a number or not finite."""
     result = {}
     for name, value in values.items():
@@ -30,7 +31,7 @@ def leaves(**values: ArrayLike) -> dict[str, Array]:
         ) from error
 
 
-def vector_leaf(name: str, value: ArrayLike, size: int, like: Array) -> Array:
+def vector_leaf(name: str, value: Any, size: int, like: Array) -> Array:
     """Converts a vector of the geometry, and gives it the batch shape of a scalar leaf before its own axis."""
     array = leaves(**{name: value})[name]
     if array.shape[-1:] != (size,):

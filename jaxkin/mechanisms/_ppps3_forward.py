@@ -1,17 +1,19 @@
 """Kernels of the 3-PPPS: all assembly modes by two square roots and one division, as rotation matrices.
 
 Notation: R12 = m p / s, R31 = -(m2 + m3) / (sqrt3 s), R32 = m (m3 - m2) / s are known from the joints (side s, m = +-1;
-p = mu3y, m2 = mu2z, m3 = mu3z). With c = 1 - R32^2, a = c - R31^2 and b = c - R12^2, the unit rows and columns of a rotation
-say R33^2 = a and R22^2 = b: a pair of signs (R22, R33) chooses one assembly mode, and orthogonality gives the other entries,
+p = mu3y, m2 = mu2z, m3 = mu3z). With c = 1 - R32^2, a = c - R31^2 and b = c - R12^2, the unit rows and columns of a
+rotation say R33^2 = a and R22^2 = b: a pair of signs (R22, R33) chooses one assembly mode, and orthogonality gives the
+other entries,
 
     R11 = (R22 R33 - R12 R31 R32) / c      R13 = -(R12 R32 R33 + R22 R31) / c
     R21 = -(R12 R33 + R22 R31 R32) / c     R23 = (R12 R31 - R22 R33 R32) / c
 
-A pose needs a >= 0 *and* b >= 0: two tests. Where c = 0 the platform is vertical and turns freely about the fixed z axis.
+A pose needs a >= 0 *and* b >= 0: two tests. Where c = 0 the platform is vertical and turns freely about the fixed z
+axis.
 
 References:
-    Chablat, Baron, Jha and Rolland 2018, Eq. (25), whose square root is that of a b: where both are negative it is real,
-    and there is no pose.
+    Chablat, Baron, Jha and Rolland 2018, Eq. (25), whose square root is that of a b: where both are negative it is
+    real, and there is no pose.
 """
 
 import math
@@ -123,8 +125,13 @@ def modes(side: Array, mirror: float, joints: tuple[Array, ...]) -> tuple[Mode, 
     """
     k = known(side, mirror, joints)
     real = (k.a >= 0) & (k.b >= 0) & ~k.self_motion
-    root_a, root_b, inverse = materialise(
-        jnp.where(real, jnp.sqrt(k.a), jnp.nan), jnp.sqrt(k.b), 1 / jnp.where(k.c > 0, k.c, 1.0)
+    # NaN in the roots is all that the entries know of `real`: each of them would otherwise compute it again.
+    root_a, root_b, inverse, r12, r31, r32 = materialise(
+        *(jnp.where(real, jnp.sqrt(jnp.where(real, square, 1.0)), jnp.nan) for square in (k.a, k.b)),
+        1 / jnp.where(k.c > 0, k.c, 1.0),
+        k.r12,
+        k.r31,
+        k.r32,
     )
     empty = jnp.where(
         k.self_motion,
@@ -135,25 +142,31 @@ def modes(side: Array, mirror: float, joints: tuple[Array, ...]) -> tuple[Mode, 
     times = jnp.where(root_a == 0, jnp.int8(2), jnp.int8(1)) * jnp.where(root_b == 0, jnp.int8(2), jnp.int8(1))
     found = []
     for sign22, sign33 in SIGNS:
-        here = real & ((root_b > 0) | (sign22 > 0)) & ((root_a > 0) | (sign33 > 0))
-        r22, r33 = jnp.where(here, sign22 * root_b, jnp.nan), sign33 * root_a
-        r11 = (r22 * r33 - k.r12 * k.r31 * k.r32) * inverse
-        r13 = -(k.r12 * k.r32 * r33 + r22 * k.r31) * inverse
-        r21 = -(k.r12 * r33 + r22 * k.r31 * k.r32) * inverse
-        r23 = (k.r12 * k.r31 - r22 * r33 * k.r32) * inverse
-        r12, r31, r32 = (r22 * 0 + entry for entry in (k.r12, k.r31, k.r32))
-        row = jnp.abs(r11 * r11 + k.r12 * k.r12 + r13 * r13 - 1)
+        r22, r33 = _signed(sign22, root_b), _signed(sign33, root_a)
+        product = r22 * r33
+        here = product >= 0 if sign22 == sign33 else product <= 0
+        none = product * 0
+        r11 = (product - r12 * r31 * r32) * inverse
+        r13 = -(r12 * r32 * r33 + r22 * r31) * inverse
+        r21 = -(r12 * r33 + r22 * r31 * r32) * inverse
+        r23 = (r12 * r31 - product * r32) * inverse
+        row = jnp.abs(r11 * r11 + r12 * r12 + r13 * r13 - 1)
         column = jnp.abs(r13 * r13 + r23 * r23 + r33 * r33 - 1)
         found.append(
             Mode(
                 x=side * (_SQRT3 * r11 + mirror * r12) / 2 - joints[2],
-                matrix=((r11, r12, r13), (r21, r22, r23), (r31, r32, r22 * 0 + r33)),
+                matrix=((r11, none + r12, r13), (r21, none + r22, r23), (none + r31, none + r32, none + r33)),
                 status=jnp.where(here, jnp.where(times > 1, jnp.int8(Status.SINGULAR), plain), empty),
                 multiplicity=jnp.where(here, times, jnp.int8(0)),
                 residual=jnp.maximum(row, column),
             )
         )
     return tuple(found)
+
+
+def _signed(sign: float, root: Array) -> Array:
+    """Returns the root with its sign; NaN for the negative of zero, which is the other sign's mode."""
+    return root if sign > 0 else jnp.where(root > 0, -root, jnp.nan)
 
 
 def lanes(side: Array, mirror: float, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
@@ -164,7 +177,7 @@ def lanes(side: Array, mirror: float, joints: tuple[Array, ...]) -> tuple[Lane, 
         values = (mode.x, joints[0] + none, joints[1] + none, *xyz_from_matrix(mode.matrix))
         found.append(
             Lane(
-                values=tuple(jnp.where(mode.multiplicity > 0, value, jnp.nan) for value in values),
+                values=values,
                 status=mode.status,
                 multiplicity=mode.multiplicity,
                 residual=mode.residual,

@@ -3,7 +3,7 @@
 import difflib
 import importlib
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from jaxkin.core.errors import InputError
@@ -22,6 +22,7 @@ class Entry:
         constructor: Its name.
         geometry: Default geometry, the source's example.
         source: Where it comes from.
+        options: Further arguments of the constructor, and how each is written: a number, or several as ``a:b:c``.
     """
 
     title: str
@@ -29,6 +30,7 @@ class Entry:
     constructor: str
     geometry: dict[str, float]
     source: str
+    options: dict[str, str] = field(default_factory=dict)
 
 
 _SIDES = (17.04, 16.54, 20.84)
@@ -55,6 +57,7 @@ CATALOGUE: dict[str, Entry] = {
         constructor="create",
         geometry={"side": 1.0, "base_radius": 2.0},
         source="Chablat, Baron, Jha and Rolland 2018",
+        options={"mirrored": "0 or 1"},
     ),
     "tlpm": Entry(
         title="TLPM, three translations by three limb lengths (mm)",
@@ -62,12 +65,20 @@ CATALOGUE: dict[str, Entry] = {
         constructor="create",
         geometry={"base_radius": 590.0, "height": 590.0, "a": 25.0, "b": 150.0, "r1": 150.0, "r2": 110.0},
         source="Fu and Gao",
+        options={
+            "stroke": "low:high",
+            "initial_lengths": "one or L10:L20:L30",
+            "limb_angles": "eta1:eta2:eta3",
+            "beta2": "angle",
+            "orientation": "w:x:y:z",
+            "elbows": "e1:e2:e3, each 1 or -1",
+        },
     ),
 }
 
 
-def create(name: str, **changes: float) -> "Mechanism":
-    """Makes a mechanism of the catalogue, with some of its geometry changed.
+def create(name: str, **changes: float | tuple[float, ...]) -> "Mechanism":
+    """Makes a mechanism of the catalogue, with some of its geometry and options changed.
 
     Raises:
         InputError: The mechanism or a name of its geometry is unknown.
@@ -79,7 +90,10 @@ def create(name: str, **changes: float) -> "Mechanism":
         raise InputError(f"There is no mechanism {name!r}: choose one of {', '.join(CATALOGUE)}{hint}")
     entry = CATALOGUE[name]
     for key in changes:
-        if key not in entry.geometry:
-            raise InputError(f"Mechanism {name!r} has no geometry {key!r}: choose among {', '.join(entry.geometry)}.")
+        if key not in (*entry.geometry, *entry.options):
+            names = ", ".join((*entry.geometry, *entry.options))
+            raise InputError(f"Mechanism {name!r} has no geometry {key!r}: choose among {names}.")
+        if key in entry.geometry and isinstance(changes[key], tuple):
+            raise InputError(f"The geometry {key!r} of {name!r} is one number; got {changes[key]}.")
     constructor = getattr(importlib.import_module(entry.module), entry.constructor)
     return constructor(**{**entry.geometry, **changes})

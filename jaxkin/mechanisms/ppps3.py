@@ -1,23 +1,23 @@
 """The 3-PPPS with U-shaped base: three legs of three prismatic joints each, six of them actuated.
 
-Pose ``(x, y, z, phi, theta, sigma)``: position P of the platform's point C1, and R = Rx(phi) Ry(theta) Rz(sigma). Joints
-``(rho1y, rho1z, rho2y, rho2z, rho3y, rho3z)``; rho1x, rho2x and rho3x are passive (``passive_joints``). The platform is an
-equilateral triangle of side s with V1 = (0, 0, 0), V2 = s (-sqrt3/2, -1/2, 0), V3 = s (-sqrt3/2, 1/2, 0); its corners are
-W_i = P + R V_i and, in the legs' coordinates, C1 = (rho1x, rho1y, rho1z), C2 = (-rho2y, rho2x, rho2z),
-C3 = (rho3y, -rho3x, rho3z).
+Pose ``(x, y, z, phi, theta, sigma)``: position P of the platform's point C1, and R = Rx(phi) Ry(theta) Rz(sigma).
+Joints ``(rho1y, rho1z, rho2y, rho2z, rho3y, rho3z)``; rho1x, rho2x and rho3x are passive (``passive_joints``). The
+platform is an equilateral triangle of side s with V1 = (0, 0, 0), V2 = s (-sqrt3/2, -1/2, 0), V3 = s (-sqrt3/2, 1/2,
+0); its corners are W_i = P + R V_i and, in the legs' coordinates, C1 = (rho1x, rho1y, rho1z), C2 = (-rho2y, rho2x,
+rho2z), C3 = (rho3y, -rho3x, rho3z).
 
 References:
-    Chablat, D., Baron, L., Jha, R. and Rolland, L., "The 3-PPPS parallel robot with U-shape base, a 6-DOF parallel robot
-    with simple kinematics", Advances in Robot Kinematics, 2018, hal-01782286. Eqs. (1)-(3), (5)-(11), (13), (20)-(24) are
-    correct as printed. Wrong in print: (4) exchanges V2 and V3 (all of (8)-(11) and (16)-(24) need them as above; as
-    printed it is the mirrored robot, ``create(mirrored=True)``); (12), (14) and (15) have signs wrong, see
-    ``reduced_joints``; for (25)-(28) see ``jaxkin.mechanisms._ppps3_forward``; (29) has a factor cos(theta) of the Euler
-    angles, not of the robot, see ``PPPS3.factors``.
+    Chablat, D., Baron, L., Jha, R. and Rolland, L., "The 3-PPPS parallel robot with U-shape base, a 6-DOF parallel
+    robot with simple kinematics", Advances in Robot Kinematics, 2018, hal-01782286. Eqs. (1)-(3), (5)-(11), (13),
+    (20)-(24) are correct as printed. Wrong in print: (4) exchanges V2 and V3 (all of (8)-(11) and (16)-(24) need them
+    as above; as printed it is the mirrored robot, ``create(mirrored=True)``); (12), (14) and (15) have signs wrong, see
+    ``reduced_joints``; for (25)-(28) see ``jaxkin.mechanisms._ppps3_forward``; (29) has a factor cos(theta) of the
+    Euler angles, not of the robot, see ``PPPS3.factors``.
 """
 
 import dataclasses
 import math
-from typing import ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,17 +25,28 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxkin.core.bodies import Body
 from jaxkin.core.branches import Lane
 from jaxkin.core.errors import GeometryError, InputError, Status
 from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechanism
 from jaxkin.core.tracing import is_traced
-from jaxkin.mechanisms import _ppps3_forward
+from jaxkin.mechanisms import _ppps3_bodies, _ppps3_forward
 from jaxkin.mechanisms._geometry import batch_limits, leaves
+from jaxkin.mechanisms._spatial_poses import (
+    checked_pose_vector,
+    pose_from_quaternion,
+    pose_from_rotation,
+    position_and_quaternion,
+    position_and_rotation,
+)
 from jaxkin.numerics import rotations
+from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.small_linalg import Matrix3
 
 _SQRT3 = math.sqrt(3.0)
 PASSIVE = ("rho1x", "rho2x", "rho3x")
+#: Squares of larger joints could overflow, as in ``jk.forward``.
+_LARGEST = 1e60
 
 
 @mechanism
@@ -44,11 +55,12 @@ class PPPS3(Mechanism):
 
     Attributes:
         side: Side s of the platform (1 in the paper).
-        base_radius: Distance of A1, A2, A3 from the origin (2 in the paper): where the legs stand. It enters no equation.
+        base_radius: Distance of A1, A2, A3 from the origin (2 in the paper): where the legs stand. It enters no
+            equation.
         limits: Limits of the six actuated joints.
         passive_limits: Limits of the three passive joints; they count in ``margins``.
-        mirrored: True for V2 and V3 as Eq. (4) of the paper prints them: the robot mirrored in the plane y = 0, whose poses
-            are (x, y, z, -phi, theta, -sigma) at the same joints.
+        mirrored: True for V2 and V3 as Eq. (4) of the paper prints them: the robot mirrored in the plane y = 0, whose
+            poses are (x, y, z, -phi, theta, -sigma) at the same joints.
     """
 
     id: ClassVar[str] = "ppps3"
@@ -63,6 +75,7 @@ class PPPS3(Mechanism):
     joint_axes = tuple(Axis(name, "length") for name in ("rho1y", "rho1z", "rho2y", "rho2z", "rho3y", "rho3z"))
     max_branches = 4
     forward_block: ClassVar[int] = 1 << 12
+    covered: ClassVar[tuple[str, ...]] = ("theta",)
     forward_labels: ClassVar[tuple[str, ...]] = tuple(
         f"R22 {'>' if s22 > 0 else '<'} 0, R33 {'>' if s33 > 0 else '<'} 0" for s22, s33 in _ppps3_forward.SIGNS
     )
@@ -78,13 +91,17 @@ class PPPS3(Mechanism):
         """The sign of -y of V2: 1, or -1 for the mirrored robot."""
         return -1.0 if self.mirrored else 1.0
 
+    def twin(self, pose: Any) -> Any:
+        """Returns the pose with the other Euler triple of the same rotation, (phi + pi, pi - theta, sigma + pi)."""
+        return np.array([0.0, 0.0, 0.0, math.pi, math.pi, math.pi]) + pose * np.array([1.0, 1.0, 1.0, 1.0, -1.0, 1.0])
+
     def characteristic_length(self) -> Array:
         """Returns the side of the platform."""
         return self.side
 
     def geometry_ok(self) -> Array:
-        """True where the side is positive and finite."""
-        return jnp.isfinite(self.side) & (self.side > 0) & jnp.isfinite(self.base_radius)
+        """True where the side and the base's radius are positive and finite."""
+        return jnp.isfinite(self.side) & (self.side > 0) & jnp.isfinite(self.base_radius) & (self.base_radius > 0)
 
     def _halves(self, m: Matrix3) -> tuple[Array, Array, Array, Array]:
         """Returns s (sqrt3 R11 +- m R12) / 2 and s (sqrt3 R31 +- m R32) / 2: -x and -z of V2 and V3 turned."""
@@ -94,9 +111,13 @@ class PPPS3(Mechanism):
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns Eqs. (6)-(11), ``(6,)``, lengths: the legs' coordinates of the corners, passive joints left out."""
-        x, y, z = pose[0], pose[1], pose[2]
+        return self.closure(pose[:3], rotations.matrix_from_xyz(pose[3], pose[4], pose[5]), joints)
+
+    def closure(self, position: Array, matrix: Matrix3, joints: Array) -> Array:
+        """Returns the constraints of a position and a rotation matrix."""
+        x, y, z = position[0], position[1], position[2]
         y1, z1, y2, z2, y3, z3 = (joints[k] for k in range(6))
-        x2, x3, h2, h3 = self._halves(rotations.matrix_from_xyz(pose[3], pose[4], pose[5]))
+        x2, x3, h2, h3 = self._halves(matrix)
         return jnp.stack(
             [y1 - y, z1 - z, 2 * (x2 - y2 - x), 2 * (h2 + z2 - z), 2 * (x3 + y3 - x), 2 * (h3 + z3 - z)],
         )
@@ -110,7 +131,9 @@ class PPPS3(Mechanism):
     def inverse_kernel(self, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the one set of joints (Eqs. (20)-(24)); it is never singular."""
         x, y, z, phi, theta, sigma = pose
-        x2, x3, h2, h3 = self._halves(rotations.matrix_from_xyz(phi, theta, sigma))
+        # Each of the four results would otherwise compute the sines again, and a grid each of them at every sample.
+        turns = materialise(*(turn(angle) for angle in (phi, theta, sigma) for turn in (jnp.cos, jnp.sin)))
+        x2, x3, h2, h3 = self._halves(rotations.xyz_product(*turns))
         values = (y, z, x2 - x, z - h2, x - x3, z - h3)
         shape = jnp.broadcast_shapes(*(jnp.shape(value) for value in values))
         return (
@@ -145,8 +168,8 @@ class PPPS3(Mechanism):
         det dF/dpose = -8 sqrt3 s^3 cos(theta) R22 R33 (mirrored or not) has a third factor, ``chart_factors``.
 
         References:
-            Chablat et al. 2018, Eq. (29): cos(phi) cos(theta)^2 (sin(phi) sin(theta) sin(sigma) - cos(phi) cos(sigma)) is
-            -cos(theta) R22 R33. Its zero set is correct; one of the two cos(theta) is in R33 = cos(phi) cos(theta).
+            Chablat et al. 2018, Eq. (29): cos(phi) cos(theta)^2 (sin(phi) sin(theta) sin(sigma) - cos(phi) cos(sigma))
+            is -cos(theta) R22 R33. Its zero set is correct; one of the two cos(theta) is in R33 = cos(phi) cos(theta).
         """
         m = rotations.matrix_from_xyz(pose[3], pose[4], pose[5])
         return {"R22": m[1][1], "R33": m[2][2]}
@@ -158,6 +181,14 @@ class PPPS3(Mechanism):
         already, and adds nothing to the zero set. On SO(3) it is two circles, no surface.
         """
         return {"cos(theta)": jnp.cos(pose[4])}
+
+    def bodies(self, pose: ArrayLike) -> tuple[Body, ...]:
+        """Returns what the robot looks like in one pose: base, legs, platform and their joints."""
+        return _ppps3_bodies.bodies(self, pose)
+
+    def limit_fields(self) -> dict[str, tuple[str, ...]]:
+        """Returns the fields of limits: actuated joints and passive ones."""
+        return {**super().limit_fields(), "passive_limits": PASSIVE}
 
     def margins(self, pose: Array, joints: Array) -> dict[str, Array]:
         """Returns the distances to the limits of all nine prismatic joints; negative is a violation."""
@@ -187,7 +218,7 @@ def create(
         passive_limits: Limits of rho1x, rho2x, rho3x, measured from O as in Eq. (3); none by default.
 
     Raises:
-        GeometryError: A value is not finite, the side is not positive, or limits are the wrong way round.
+        GeometryError: A value is not finite, a size is not positive, or limits are the wrong way round.
 
     Arrays of one shape make a batch of robots for ``jax.vmap``. Traceable: under ``jit``, ``vmap`` and
     ``grad`` nothing is checked, and a bad geometry shows as the status INVALID_GEOMETRY.
@@ -202,7 +233,8 @@ def create(
         mirrored=bool(mirrored),
     )
     if not any(map(is_traced, values.values())) and not np.all(robot.geometry_ok()):
-        raise GeometryError(f"side is {side}: the platform's side must be positive; give its length.")
+        name, value = ("base_radius", base_radius) if np.all(values["side"] > 0) else ("side", side)
+        raise GeometryError(f"{name} is {value}: it must be positive; give the length.")
     return robot
 
 
@@ -219,7 +251,7 @@ def passive_joints(robot: PPPS3, pose: ArrayLike) -> Array:
 
     rho1x = x, rho2x = y of W2, rho3x = -y of W3 [our completion: the paper leaves them out].
     """
-    pose = jnp.asarray(pose, float)
+    pose = checked_pose_vector("pose", pose)
     return jnp.stack(_passive(robot, tuple(pose[k] for k in range(6))))
 
 
@@ -246,6 +278,8 @@ def reduced_joints(joints: ArrayLike) -> Array:
         Chablat et al. 2018, Eqs. (13)-(14); printed mu3y = rho3y - rho2y has the sign of an older convention.
     """
     q = jnp.asarray(joints, float)
+    if q.shape[-1:] != (6,):
+        raise InputError(f"The joints have shape {q.shape}: they must be (6,), or (..., 6).")
     return jnp.stack([q[..., 3] - q[..., 1], q[..., 4] + q[..., 2], q[..., 5] - q[..., 1]], axis=-1)
 
 
@@ -258,7 +292,7 @@ def reduced(robot: PPPS3, pose: ArrayLike, joints: ArrayLike) -> Reduced:
         Chablat et al. 2018, Eqs. (12)-(15). Printed with other signs: mu1x = rho1x - rho2y, mu3x = rho3x + rho2y,
         x' = x - rho2y. They assume C2x = +rho2y, which is -rho2y in (3), (8) and (21).
     """
-    pose, q = jnp.asarray(pose, float), jnp.asarray(joints, float)
+    pose, q = checked_pose_vector("pose", pose), checked_pose_vector("joints", joints)
     p1, p2, p3 = passive_joints(robot, pose)
     y1, z1, y2 = q[0], q[1], q[2]
     return Reduced(
@@ -268,71 +302,13 @@ def reduced(robot: PPPS3, pose: ArrayLike, joints: ArrayLike) -> Reduced:
     )
 
 
-def position_and_rotation(pose: ArrayLike) -> tuple[Array, Array]:
-    """Returns the position ``(3,)`` and the rotation matrix ``(3, 3)`` of a pose; ``jax.vmap`` for many."""
-    pose = jnp.asarray(pose, float)
-    return pose[:3], rotations.as_array(rotations.matrix_from_xyz(pose[3], pose[4], pose[5]))
-
-
-def position_and_quaternion(pose: ArrayLike) -> tuple[Array, Array]:
-    """Returns the position ``(3,)`` and the unit quaternion ``(4,)`` (w, x, y, z), w >= 0, of a pose."""
-    position, matrix = position_and_rotation(pose)
-    return position, jnp.stack(rotations.quaternion_from_matrix(rotations.from_array(matrix)))
-
-
-#: How far R^T R may be from the identity, or a quaternion from unit length, to be taken for rounding.
-_ROTATION_TOLERANCE = 1e-9
-
-
-def pose_from_rotation(position: ArrayLike, rotation: ArrayLike) -> Array:
-    """Returns the pose ``(6,)`` of a position and a rotation matrix ``(3, 3)``.
-
-    Safe at gimbal lock, where sigma = 0 (the 3-PPPS is singular there).
-
-    Raises:
-        InputError: Wrong shapes, or not a rotation: R^T R is not the identity, or it is a reflection (not checked under
-            tracing).
-    """
-    position, matrix = jnp.asarray(position, float), jnp.asarray(rotation, float)
-    if position.shape != (3,) or matrix.shape != (3, 3):
-        raise InputError(
-            f"The position has shape {position.shape} and the rotation {matrix.shape}: they must be (3,) and (3, 3); for "
-            "a batch use jax.vmap."
-        )
-    if not is_traced(matrix):
-        off = float(jnp.max(jnp.abs(matrix.T @ matrix - jnp.eye(3))))
-        if not off <= _ROTATION_TOLERANCE or float(jnp.linalg.det(matrix)) < 0:
-            what = "it is a reflection (det = -1)" if off <= _ROTATION_TOLERANCE else f"R^T R is off by {off:.2g}"
-            raise InputError(f"The matrix is no rotation: {what}; orthonormalise it, or give a quaternion.")
-    return jnp.concatenate([position, jnp.stack(rotations.xyz_from_matrix(rotations.from_array(matrix)))])
-
-
-def pose_from_quaternion(position: ArrayLike, quaternion: ArrayLike) -> Array:
-    """Returns the pose ``(6,)`` of a position and a quaternion ``(4,)`` (w, x, y, z), which is normalised.
-
-    Raises:
-        InputError: Wrong shapes, or a quaternion that is not finite or zero (not checked under tracing).
-    """
-    position, q = jnp.asarray(position, float), jnp.asarray(quaternion, float)
-    if position.shape != (3,) or q.shape != (4,):
-        raise InputError(
-            f"The position has shape {position.shape} and the quaternion {q.shape}: they must be (3,) and (4,), "
-            "(w, x, y, z); for a batch use jax.vmap."
-        )
-    if not is_traced(q) and not (bool(jnp.all(jnp.isfinite(q))) and float(jnp.sum(q * q)) > 0):
-        raise InputError(f"The quaternion is {q.tolist()}: it must be finite and not zero.")
-    matrix = rotations.matrix_from_quaternion((q[0], q[1], q[2], q[3]))
-    return jnp.concatenate([position, jnp.stack(rotations.xyz_from_matrix(matrix))])
-
-
 @jax.jit
 def twist_jacobian(robot: PPPS3, pose: ArrayLike) -> Array:
     """Returns J with d(joints)/dt = J (v, omega), ``(6, 6)``: v the velocity of C1, omega the spatial angular velocity.
 
-    A polynomial of the rotation's entries: there is no serial singularity. det J = (sqrt3 / 2) s^3 R22 R33 is free of the
-    Euler angles' own singularity; its rows are lengths per radian on the right half [our completion].
+    A polynomial of the rotation's entries: there is no serial singularity. det J = (sqrt3 / 2) s^3 R22 R33 is free of
+    the Euler angles' own singularity; its rows are lengths per radian on the right half [our completion].
     """
-    pose = jnp.asarray(pose, float)
     _, matrix = position_and_rotation(pose)
     long, short = robot.side * (_SQRT3 / 2), robot.side * (robot.mirror / 2)
     rows = []
@@ -345,53 +321,19 @@ def twist_jacobian(robot: PPPS3, pose: ArrayLike) -> Array:
     return jnp.stack(rows)
 
 
-class Frames(NamedTuple):
-    """All assembly modes of one set of joints as positions and rotation matrices.
-
-    Attributes:
-        position: ``(4, 3)``.
-        rotation: ``(4, 3, 3)``.
-        valid: ``(4,)``.
-        status: ``(4,)`` codes of ``Status``.
-        multiplicity: ``(4,)``.
-    """
-
-    position: Array
-    rotation: Array
-    valid: Array
-    status: Array
-    multiplicity: Array
-
-
-def forward_frames(robot: PPPS3, joints: ArrayLike) -> Frames:
-    """Finds all assembly modes as positions and rotation matrices, in the order of ``PPPS3.forward_labels``.
-
-    Differentiable to any order where a mode is not singular, through its closed form.
-    """
-    q = jnp.asarray(joints, float)
-    lanes = robot.frame_kernel(tuple(q[k] for k in range(6)))
-    values = jnp.stack([jnp.stack(lane.values) for lane in lanes])
-    multiplicity = jnp.stack([lane.multiplicity for lane in lanes])
-    return Frames(
-        values[:, :3],
-        values[:, 3:].reshape(4, 3, 3),
-        multiplicity > 0,
-        jnp.stack([lane.status for lane in lanes]),
-        multiplicity,
-    )
-
-
 def self_motion(robot: PPPS3, joints: ArrayLike, turn: ArrayLike) -> Array:
     """Returns the pose ``(6,)`` of a self-motion at the angle ``turn``, rad.
 
-    At R32 = +-1, that is (mu2z, mu3y, mu3z) = s (-+1/2, 0, +-1/2) (mirrored: the opposite), the platform is vertical and
-    turns freely about the fixed z axis at locked joints, its corners sliding as in an elliptic trammel: R = Rz(turn)
-    Rx(+-pi/2), x + rho2y = s (sqrt3 / 2) cos(turn) [our completion]. Every pose of it is singular.
+    At R32 = +-1, that is (mu2z, mu3y, mu3z) = s (-+1/2, 0, +-1/2) (mirrored: the opposite), the platform is vertical
+    and turns freely about the fixed z axis at locked joints, its corners sliding as in an elliptic trammel: R =
+    Rz(turn) Rx(+-pi/2), x + rho2y = s (sqrt3 / 2) cos(turn) [our completion]. Every pose of it is singular.
 
     Raises:
         InputError: The joints have no self-motion (not checked under tracing).
     """
-    q, turn = jnp.asarray(joints, float), jnp.asarray(turn, float)
+    q, turn = checked_pose_vector("joints", joints), jnp.asarray(turn, float)
+    if turn.shape != ():
+        raise InputError(f"The turn has shape {turn.shape}: it must be one angle; for many use jax.vmap.")
     found = _ppps3_forward.known(robot.side, robot.mirror, tuple(q[k] for k in range(6)))
     if not is_traced(found.self_motion) and not bool(found.self_motion):
         mu = [float(value) for value in reduced_joints(q) / robot.side]
@@ -407,10 +349,8 @@ def self_motion(robot: PPPS3, joints: ArrayLike, turn: ArrayLike) -> Array:
 
 __all__ = [
     "PPPS3",
-    "Frames",
     "Reduced",
     "create",
-    "forward_frames",
     "passive_joints",
     "pose_from_quaternion",
     "pose_from_rotation",

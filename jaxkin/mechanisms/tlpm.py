@@ -1,9 +1,10 @@
-"""The TLPM of Fu and Gao: three limbs with an actuated length each carry a point, three active wrists turn the platform.
+"""The TLPM of Fu and Gao: three limbs of actuated length carry a point, three active wrists turn the platform.
 
 Pose ``(x, y, z)``: position of the point p in which the limbs' axes meet, from its place in the initial configuration;
 joints ``(l1, l2, l3)``: strokes, so that limb i is L_i0 + l_i long. The universal joints of the limbs are at
-q_i = (L cos eta_i, L sin eta_i, -h). All lengths in mm. Position depends on the strokes alone; the platform's orientation is
-the wrists' business, and an input here (``TLPM.orientation``). It matters for the wrist angles and for link interference.
+q_i = (L cos eta_i, L sin eta_i, -h). All lengths in mm. Position depends on the strokes alone; the platform's
+orientation is the wrists' business, and an input here (``TLPM.orientation``). It matters for the wrist angles and for
+link interference.
 
 References:
     Fu, J. and Gao, F., "Kinematic performances of a novel TLPM parallel robot". Eqs. (1)-(3), (5), (6), (13)-(15) are
@@ -19,7 +20,7 @@ References:
 import dataclasses
 import math
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -27,13 +28,18 @@ import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxkin.core.bodies import Body
 from jaxkin.core.branches import Lane
-from jaxkin.core.errors import GeometryError, Status
+from jaxkin.core.errors import GeometryError, InputError, Status
 from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, mechanism
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.tracing import is_traced
-from jaxkin.mechanisms import _tlpm_wrist
+from jaxkin.mechanisms import _tlpm_bodies, _tlpm_wrist
 from jaxkin.mechanisms._geometry import batch_limits, leaves, vector_leaf
+from jaxkin.mechanisms._tlpm_wrist import elbow_modes, link_clearances, links, wrist_angles
+from jaxkin.numerics.spheres import Shells
+
+Numbers: TypeAlias = ArrayLike | Sequence[Any]
 
 #: eta_i of the paper, order fixed by its Eqs. (3) and (4).
 LIMB_ANGLES = (0.0, 2 * math.pi / 3, -2 * math.pi / 3)
@@ -145,8 +151,9 @@ class TLPM(Mechanism):
     def _solved(self, joints: tuple[Array, ...]) -> tuple[Array, Array, Array, Array, Array]:
         """Returns x, y, (z + h)^2 (0 within its blur), where that is close to zero, and where all lengths are positive.
 
-        The differences of the three spheres are linear in x and y; for eta = 0, +-120 degrees they are Eqs. (3) and (4),
-        x = (s2 + s3 - 2 s1) / (6 L) and y = (s3 - s2) / (2 sqrt3 L) up to sign of the order, with s_i = (L_i0 + l_i)^2.
+        The differences of the three spheres are linear in x and y; for eta = 0, +-120 degrees they are Eqs. (3) and
+        (4), x = (s2 + s3 - 2 s1) / (6 L) and y = (s3 - s2) / (2 sqrt3 L) up to sign of the order, with s_i = (L_i0 +
+        l_i)^2.
         """
         r1, r2, r3 = self.lengths(joints)
         (x1, y1), (x2, y2), (x3, y3) = self.base_points()
@@ -208,14 +215,34 @@ class TLPM(Mechanism):
     def factors(self, pose: Array) -> dict[str, Array]:
         """Returns z + h, mm: the robot is singular in the base plane and nowhere else.
 
-        det dF/dp = 8 (z + h) A with the area A of the triangle q1 q2 q3, A = (3 sqrt3 / 4) L^2 for eta = 0, +-120 degrees.
+        det dF/dp = 16 (z + h) A with the area A of the triangle q1 q2 q3, A = (3 sqrt3 / 4) L^2 for eta = 0, +-120
+        degrees.
 
         References:
             Fu and Gao, Eq. (12), is correct for the printed rows (q_i - p) / |q_i - p|; the text after it says that the
-            determinant tends to zero for p -> q_i. It does not: it tends to -(sqrt3 / 2) cos(gamma), gamma being the angle
-            of approach to the z axis, and at p = q_i the row is undefined. That is a serial singularity (length zero).
+            determinant tends to zero for p -> q_i. It does not: it tends to -(sqrt3 / 2) cos(gamma), gamma being the
+            angle of approach to the z axis, and at p = q_i the row is undefined. That is a serial singularity (length
+            zero).
         """
         return {"z + h": pose[2] + self.height}
+
+    def margin_unit(self, name: str) -> str:
+        """Returns rad for the wrist angles, mm for all others."""
+        return "rad" if name.startswith("theta") else "mm"
+
+    def bodies(self, pose: ArrayLike) -> tuple[Body, ...]:
+        """Returns what the robot looks like in one pose: base, limbs, links of the wrists, and platform, mm."""
+        return _tlpm_bodies.bodies(self, pose)
+
+    def reach_spheres(self) -> tuple[Shells, Array]:
+        """Returns the spheres about q_i between which the strokes hold p, and the z of the plane of the q_i."""
+        centres = jnp.stack([jnp.stack(point, axis=-1) for point in self.base_points()], axis=-2)
+        lengths = self.initial_lengths + self.limits.low, self.initial_lengths + self.limits.high
+        return Shells(centres, *lengths), -self.height
+
+    def limit_fields(self) -> dict[str, tuple[str, ...]]:
+        """Returns the fields of limits: strokes and wrist angles."""
+        return {**super().limit_fields(), "wrist_limits": ("theta1", "theta2")}
 
     def margins(self, pose: Array, joints: Array) -> dict[str, Array]:
         """Returns the distances to the limits of strokes, wrist angles and link distances; negative is a violation.
@@ -232,18 +259,18 @@ class TLPM(Mechanism):
 def create(
     base_radius: ArrayLike = 590.0,
     height: ArrayLike = 590.0,
-    stroke: ArrayLike = (-200.0, 200.0),
-    initial_lengths: ArrayLike | None = None,
+    stroke: Numbers = (-200.0, 200.0),
+    initial_lengths: Numbers | None = None,
     *,
-    limb_angles: ArrayLike = LIMB_ANGLES,
+    limb_angles: Numbers = LIMB_ANGLES,
     a: ArrayLike = 25.0,
     b: ArrayLike = 150.0,
     r1: ArrayLike = 150.0,
     r2: ArrayLike = 110.0,
     beta2: ArrayLike = math.pi / 4,
-    platform_angles: ArrayLike | None = None,
+    platform_angles: Numbers | None = None,
     wrist_limits: Limits | None = None,
-    orientation: ArrayLike = (1.0, 0.0, 0.0, 0.0),
+    orientation: Numbers = (1.0, 0.0, 0.0, 0.0),
     elbows: Sequence[int] = (1, 1, 1),
 ) -> TLPM:
     """Returns a TLPM. All lengths in mm, angles in rad.
@@ -297,8 +324,11 @@ def create(
     return robot
 
 
-def _strokes(stroke: ArrayLike) -> Limits:
-    values = jnp.asarray(stroke, float)
+def _strokes(stroke: Numbers) -> Limits:
+    try:
+        values = jnp.asarray(stroke, float)
+    except (TypeError, ValueError) as error:
+        raise GeometryError(f"stroke is {stroke!r}: it must be (low, high), numbers in mm.") from error
     if values.shape not in ((2,), (2, 3)):
         raise GeometryError(
             f"stroke has shape {values.shape}: it must be (low, high), or three low and three high values, mm."
@@ -350,8 +380,23 @@ def stroke_jacobian(robot: TLPM, pose: ArrayLike) -> Array:
         velocity of the end effector and the joint rates; the denominators of (11) are the roots of its u_i.
     """
     pose = jnp.asarray(pose, float)
+    if pose.shape != (3,):
+        raise InputError(f"The pose has shape {pose.shape}: it must be (3,); for a batch use jax.vmap.")
     rows = []
     for qx, qy in robot.base_points():
         away = pose - jnp.stack([qx, qy, -robot.height])
         rows.append(away / jnp.sqrt(jnp.sum(away * away)))
     return jnp.stack(rows)
+
+
+__all__ = [
+    "LIMB_ANGLES",
+    "TLPM",
+    "WRIST_LIMITS",
+    "create",
+    "elbow_modes",
+    "link_clearances",
+    "links",
+    "stroke_jacobian",
+    "wrist_angles",
+]

@@ -1,8 +1,8 @@
 """Rotations: matrices, quaternions and two triples of angles, elementwise and safe at every rotation.
 
-A matrix is a nested tuple of nine arrays (``small_linalg.Matrix3``), a quaternion a tuple ``(w, x, y, z)``, so that all of
-this fuses in hot kernels. A rotation at which a triple of angles is not unique (gimbal lock) gets the triple with one
-angle zero: the matrix comes back, and derivatives stay finite, although there the angles have none.
+A matrix is a nested tuple of nine arrays (``small_linalg.Matrix3``), a quaternion a tuple ``(w, x, y, z)``, so that all
+of this fuses in hot kernels. A rotation at which a triple of angles is not unique (gimbal lock) gets the triple with
+one angle zero: the matrix comes back, and derivatives stay finite, although there the angles have none.
 """
 
 import math
@@ -31,9 +31,11 @@ def direction_angle(sine: Array, cosine: Array) -> Array:
 
 def matrix_from_xyz(phi: Array, theta: Array, sigma: Array) -> Matrix3:
     """Returns Rx(phi) Ry(theta) Rz(sigma)."""
-    cp, sp = jnp.cos(phi), jnp.sin(phi)
-    ct, st = jnp.cos(theta), jnp.sin(theta)
-    cs, ss = jnp.cos(sigma), jnp.sin(sigma)
+    return xyz_product(*(turn(angle) for angle in (phi, theta, sigma) for turn in (jnp.cos, jnp.sin)))
+
+
+def xyz_product(cp: Array, sp: Array, ct: Array, st: Array, cs: Array, ss: Array) -> Matrix3:
+    """Returns Rx(phi) Ry(theta) Rz(sigma) from the cosine and the sine of each angle."""
     return (
         (ct * cs, -ct * ss, st),
         (sp * st * cs + cp * ss, cp * cs - sp * st * ss, -sp * ct),
@@ -72,7 +74,7 @@ def matrix_from_zxy(alpha: Array, beta: Array, gamma: Array) -> Matrix3:
 def zxy_from_matrix(m: Matrix3) -> Vector3:
     """Returns alpha and gamma in [-pi, pi) and beta in [-pi/2, pi/2] with R = Rz(alpha) Rx(beta) Ry(gamma).
 
-    At beta = +-pi/2 there is alpha = 0.
+    At beta = +-pi/2 only alpha +- gamma is determined: there gamma = 0.
     """
     # Rz Rx Ry is Rx Ry Rz with the axes renamed z, x, y -> x, y, z.
     order = (2, 0, 1)

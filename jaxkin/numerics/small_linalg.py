@@ -102,6 +102,11 @@ def expanded_determinant(matrix: Array) -> Array:
     return minors[(1 << n) - 1]
 
 
+def any_determinant(matrix: Array) -> Array:
+    """Returns the determinant of an ``(n, n)`` matrix: by expansion up to n = 8, by factorisation beyond."""
+    return expanded_determinant(matrix) if matrix.shape[0] <= 8 else jnp.linalg.det(matrix)
+
+
 def null_vector(matrix: Array) -> Array:
     """Returns the generalised cross product of the n - 1 rows of an ``(n - 1, n)`` matrix.
 

@@ -3,7 +3,7 @@
 import difflib
 import hashlib
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,10 +12,11 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxkin.core.branches import Lane
 from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.kinematics.singularity import raw_conditioning
-from jaxkin.kinematics.solve import forward_lanes, inside_limits, inverse_lanes
+from jaxkin.kinematics.solve import forward_lanes, frame_lanes, inside_limits, inverse_lanes
 
 Coordinates = tuple[Array, ...]
 
@@ -125,11 +126,14 @@ forward_count = Field(
 )
 
 
-def _branch_variables(name: str, long_name: str, count: int, axes: tuple[Axis, ...]) -> tuple[Variable, ...]:
-    lanes = ("branch", tuple(range(count)))
-    coordinate = f"{name.split('_')[0]}_coordinate"
-    units = ", ".join(f"{axis.name}: {axis.unit}" for axis in axes)
-    names = tuple(axis.name for axis in axes)
+def _branch_variables(
+    name: str, long_name: str, labels: tuple[Any, ...], entries: tuple[tuple[str, str], ...]
+) -> tuple[Variable, ...]:
+    """Returns the variables of solutions: their lanes' labels, and name and unit of each entry."""
+    lanes = ("branch", labels)
+    coordinate = f"{name.split('_')[0]}_{'entry' if name.endswith('frames') else 'coordinate'}"
+    units = ", ".join(f"{entry}: {unit}" for entry, unit in entries)
+    names = tuple(entry for entry, _ in entries)
     meanings = {
         "flag_values": [int(s) for s in Status],
         "flag_meanings": " ".join(s.name.lower() for s in Status),
@@ -164,14 +168,50 @@ def _unpack_branches(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
     return (*values, *((code & 0x0F).view(np.int8) for code in codes), *((code >> 4).view(np.int8) for code in codes))
 
 
+def _entries(axes: tuple[Axis, ...]) -> tuple[tuple[str, str], ...]:
+    return tuple((axis.name, axis.unit) for axis in axes)
+
+
+def _modes(robot: Mechanism) -> tuple[Any, ...]:
+    """Returns the labels of the assembly modes, numbers where the lanes have no identity."""
+    return robot.forward_labels or tuple(range(_lane_count(robot, True)))
+
+
 #: Poses of all assembly modes, with status and multiplicity.
 forward_branches = Field(
     name="forward_branches",
     domain="joints",
     variables=lambda robot: _branch_variables(
-        "forward_branches", "poses of the assembly modes", _lane_count(robot, True), robot.pose_axes
+        "forward_branches", "poses of the assembly modes", _modes(robot), _entries(robot.pose_axes)
     ),
     kernel=_branches_kernel(forward_lanes),
+    unpack=_unpack_branches,
+    block=lambda robot: robot.forward_block,
+)
+
+
+def _frame_variables(robot: Mechanism) -> tuple[Variable, ...]:
+    _check_frames(robot)
+    position = _entries(robot.pose_axes[:3])
+    rotation = tuple((f"R{i}{j}", "1") for i in (1, 2, 3) for j in (1, 2, 3))
+    long_name = "assembly modes as position and rotation matrix"
+    return _branch_variables("forward_frames", long_name, _modes(robot), position + rotation)
+
+
+def _check_frames(robot: Mechanism) -> None:
+    if robot.frame_kernel is None:
+        raise InputError(
+            f"{type(robot).__name__} has no frame_kernel, which gives poses as position and rotation matrix: use the "
+            "field 'forward_branches'."
+        )
+
+
+#: Poses of all assembly modes as position and rotation matrix, without the cost of angles.
+forward_frames = Field(
+    name="forward_frames",
+    domain="joints",
+    variables=_frame_variables,
+    kernel=_branches_kernel(frame_lanes),
     unpack=_unpack_branches,
     block=lambda robot: robot.forward_block,
 )
@@ -181,7 +221,10 @@ inverse_branches = Field(
     name="inverse_branches",
     domain="pose",
     variables=lambda robot: _branch_variables(
-        "inverse_branches", "joint values of the working modes", _lane_count(robot, False), robot.joint_axes
+        "inverse_branches",
+        "joint values of the working modes",
+        tuple(range(_lane_count(robot, False))),
+        _entries(robot.joint_axes),
     ),
     kernel=_branches_kernel(inverse_lanes),
     unpack=_unpack_branches,
@@ -244,28 +287,38 @@ inverse_condition_number = _per_working_mode(
 )
 
 
-def _margin_variables(robot: Mechanism) -> tuple[Variable, ...]:
+def _working_modes(robot: Mechanism) -> tuple[tuple[str, tuple[Any, ...]], ...]:
     modes = _lane_count(robot, False)
-    branch = (("branch", tuple(range(modes))),) if modes > 1 else ()
+    return (("branch", tuple(range(modes))),) if modes > 1 else ()
+
+
+def _margin_names(robot: Mechanism) -> tuple[str, ...]:
     pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
     joints = jax.ShapeDtypeStruct((len(robot.joint_axes),), float)
     names: list[str] = []
     # Collected inside the trace: a dict that comes out of one has its keys sorted.
     jax.eval_shape(lambda r, x, q: names.extend(r.margins(x, q)), robot, pose, joints)
+    return tuple(names)
+
+
+def _margin_variables(robot: Mechanism) -> tuple[Variable, ...]:
     long_name = "signed distance to each limit, negative outside"
-    return (Variable("limit_margins", "float64", "units of the limits", long_name, (*branch, ("limit", tuple(names)))),)
+    dims = (*_working_modes(robot), ("limit", _margin_names(robot)))
+    return (Variable("limit_margins", "float64", "units of the limits", long_name, dims),)
 
 
-def _margin_kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
+def _margins_by_mode(robot: Mechanism, pose: Coordinates) -> Iterator[tuple[Lane, dict[str, Array]]]:
+    """Yields every working mode with its margins."""
     # The limits are what is measured here, so the solutions must not be masked by them.
-    lanes = inverse_lanes(_without_limits(robot), pose)
-    out = []
-    for lane in lanes:
+    for lane in inverse_lanes(_without_limits(robot), pose):
         shape = jnp.broadcast_shapes(*(jnp.shape(a) for a in (*pose, *lane.values)))
         x = jnp.stack([jnp.broadcast_to(a, shape) for a in pose], axis=-1)
         q = jnp.stack([jnp.broadcast_to(a, shape) for a in lane.values], axis=-1)
-        out += list(robot.margins(x, q).values())
-    return tuple(jnp.broadcast_to(a, jnp.broadcast_shapes(*(jnp.shape(p) for p in pose))) for a in out)
+        yield lane, {name: jnp.broadcast_to(margin, shape) for name, margin in robot.margins(x, q).items()}
+
+
+def _margin_kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
+    return tuple(margin for _, margins in _margins_by_mode(robot, pose) for margin in margins.values())
 
 
 def _without_limits(robot: Mechanism) -> Mechanism:
@@ -274,6 +327,36 @@ def _without_limits(robot: Mechanism) -> Mechanism:
         return robot
     wide = jax.tree_util.tree_map(lambda leaf: jnp.full_like(leaf, jnp.inf), limits)
     return robot.replace(limits=type(limits)(jnp.negative(wide.low), wide.high))
+
+
+def _binding_variables(robot: Mechanism) -> tuple[Variable, ...]:
+    names, modes = _margin_names(robot), _working_modes(robot)
+    if len(names) > np.iinfo(np.int8).max:
+        raise InputError(f"{type(robot).__name__} has {len(names)} limits: 'binding_limit' numbers 127; use margins.")
+    meanings = {"flag_values": list(range(len(names))), "flag_meanings": " ".join(names)}
+    long_name = "limit with the smallest margin"
+    scaled = "smallest margin, in characteristic lengths and radians"
+    return (
+        Variable("binding_limit", "int8", "1", long_name, modes, -1, meanings),
+        Variable("binding_limit_margin", "float64", "1", scaled, modes),
+    )
+
+
+def _binding_kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
+    numbers, smallest = [], []
+    for lane, margins in _margins_by_mode(robot, pose):
+        number, least = jnp.int8(-1), jnp.inf
+        for k, (name, margin) in enumerate(margins.items()):
+            scaled = margin if robot.margin_unit(name) == "rad" else margin / robot.characteristic_length()
+            number, least = jnp.where(scaled < least, jnp.int8(k), number), jnp.minimum(scaled, least)
+        here = lane.multiplicity > 0
+        numbers.append(jnp.where(here, number, jnp.int8(-1)))
+        smallest.append(jnp.where(here, least, jnp.nan))
+    return (*numbers, *smallest)
+
+
+#: Which limit (or interference) is nearest or most violated at the inverse solution, -1 where none is, and by how much.
+binding_limit = Field("binding_limit", "pose", _binding_variables, _binding_kernel)
 
 
 #: Signed distance to every joint limit (and interference) at the inverse solution.
@@ -326,11 +409,13 @@ FIELDS: dict[str, Field] = {
     for f in (
         forward_count,
         forward_branches,
+        forward_frames,
         inverse_branches,
         direct_determinant,
         smallest_singular_value,
         inverse_condition_number,
         limit_margins,
+        binding_limit,
     )
 }
 
