@@ -4,5 +4,15 @@ import lazy_loader
 
 __getattr__, __dir__, __all__ = lazy_loader.attach(
     __name__,
-    submod_attrs={"maps": ["section"], "modes": ["mechanism"], "surfaces": ["surfaces"], "folds": ["folds"]},
+    submod_attrs={
+        "maps": ["section"],
+        "modes": ["mechanism"],
+        "poses": ["pose"],
+        "surfaces": ["surfaces"],
+        "folds": ["folds"],
+        "solids": ["solid"],
+        "workspaces": ["workspace"],
+        "clearances": ["clearance_limit", "interference"],
+        "wrists": ["wrist_angles"],
+    },
 )

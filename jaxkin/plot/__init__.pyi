@@ -1,4 +1,10 @@
+from .clearances import clearance_limit as clearance_limit
+from .clearances import interference as interference
 from .folds import folds as folds
 from .maps import section as section
 from .modes import mechanism as mechanism
+from .poses import pose as pose
+from .solids import solid as solid
 from .surfaces import surfaces as surfaces
+from .workspaces import workspace as workspace
+from .wrists import wrist_angles as wrist_angles

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import CenteredNorm, ListedColormap
+from matplotlib.colors import CenteredNorm, ListedColormap, to_rgb
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
@@ -25,6 +25,12 @@ _LABEL_SHARE = 0.004
 _MOST_SAMPLES = 2000
 #: Labels are placed on a picture of at most so many samples a side.
 _LABEL_SAMPLES = 400
+#: Categories, told apart by hatching as well where there are more than these; what belongs to none is light grey.
+_CATEGORIES = tuple(style.OKABE_ITO[c] for c in ("sky", "orange", "green", "purple", "yellow", "blue", "vermillion"))
+_HATCHES = (None, "///", "...", "xxx", "---")
+_NONE = "#DDDDDD"
+#: Share of white in the colour of a category outside its margin.
+_PALE = 0.6
 
 
 def section(
@@ -36,10 +42,12 @@ def section(
 ) -> Axes:
     """Draws a map over one or two free axes, with the singular curves and cusps of the section.
 
-    Numbers of solutions are drawn as labelled regions (0 white, uncomputed samples light grey), signed
-    quantities diverging about their zero line, others in viridis. Curves of closed forms have their names beside
-    them, others stand in the legend; virtual parts, whose poses are complex, are thin and dashed. What is outside
-    the map's axes is left out, and not counted.
+    Numbers of solutions are drawn as labelled regions (0 white, uncomputed samples light grey), categories (a variable
+    with ``flag_values`` and ``flag_meanings``, such as ``binding_limit``) as named regions, signed quantities diverging
+    about their zero line, others in viridis. Where the margin that belongs to a category is negative its colour is
+    pale, and the line of margin zero is drawn. Curves of closed forms have their names beside them, others stand in the
+    legend; virtual parts, whose poses are complex, are thin and dashed. What is outside the map's axes is left out, and
+    not counted.
 
     Args:
         result: What ``jk.sweep`` returned; None draws the curves and cusps alone, over their section.
@@ -65,11 +73,13 @@ def section(
     for record in given:
         loci.check(record, free, fixed)
     if ax is None:
-        _, ax = plt.subplots(figsize=(6.8 if given else 5.2, 4.6), layout="constrained")
+        wide = given or (data is not None and data.ndim == 2 and _flags(data))
+        _, ax = plt.subplots(figsize=(6.8 if wide else 5.2, 4.6), layout="constrained")
     if data is None:
         _frame(given[0], free, ax)
     else:
-        _map(data, ax, [] if curves is None else [loci.free_points(curves, c.joints) for c in curves])
+        lines = [] if curves is None else [loci.free_points(curves, c.joints) for c in curves]
+        _map(data, ax, lines, _margin_of(result, data))
     handles = loci.draw(ax, curves, cusps)
     if handles:
         _add_legend(ax, handles)
@@ -88,15 +98,36 @@ def _chosen(result: "xarray.Dataset | xarray.DataArray", variable: str | None, w
         )
     if data.ndim == 1 and with_curves:
         raise InputError(f"The map of {data.name!r} has one free axis: singular curves and cusps need a map of two.")
+    return _thinned(data)  # type: ignore[arg-type]
+
+
+def _thinned(data: "xarray.DataArray") -> "xarray.DataArray":
     if data.ndim == 2:
         # No page shows more samples than this, and an image of all would take many times the data's memory.
         data = data[tuple(slice(None, None, max(1, n // _MOST_SAMPLES)) for n in data.shape)]
-    return data  # type: ignore[return-value]
+    return data
 
 
-def _map(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> None:
+def _flags(data: "xarray.DataArray") -> dict[int, str]:
+    """Returns what the numbers of a category mean; nothing for other variables."""
+    values, meanings = data.attrs.get("flag_values"), str(data.attrs.get("flag_meanings", "")).split()
+    return {} if values is None else {int(v): text for v, text in zip(values, meanings, strict=False)}
+
+
+def _margin_of(result: Any, data: "xarray.DataArray") -> np.ndarray | None:
+    """Returns the margin that belongs to a map of categories, where the dataset has it."""
+    name = f"{data.name}_margin"
+    if data.ndim != 2 or not _flags(data) or not hasattr(result, "data_vars") or name not in result:
+        return None
+    margin = np.asarray(_thinned(result[name].squeeze()))
+    return margin if margin.shape == data.shape else None
+
+
+def _map(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
     if data.ndim == 1:
         _line(data, ax)
+    elif _flags(data):
+        _categories(data, ax, lines, margin)
     elif np.issubdtype(data.dtype, np.integer):
         _regions(data, ax, lines)
     else:
@@ -150,6 +181,10 @@ def _line(data: "xarray.DataArray", ax: Axes) -> None:
     name, unit = _unit(data, dim)
     ax.set_xlabel(style.axis_label(name, unit))
     ax.set_ylabel(str(data.attrs.get("long_name", data.name)))
+    flags = _flags(data)
+    if flags:
+        present = [int(n) for n in np.unique(data)]
+        ax.set_yticks(present, [style.words(flags.get(n, "none")) for n in present])
 
 
 def _image(data: "xarray.DataArray", ax: Axes, values: np.ndarray, **options: object):
@@ -197,6 +232,44 @@ def _regions(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> Non
         for n, colour in zip(present, colours, strict=True)
     ]
     ax.legend(handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+
+
+def _categories(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
+    """Draws regions with names; colours repeat with a hatching."""
+    flags, values = _flags(data), np.asarray(data).T
+    present = [int(n) for n in np.unique(values)]
+    named = [n for n in present if n in flags]
+    paint = {n: np.array(to_rgb(_CATEGORIES[k % len(_CATEGORIES)])) for k, n in enumerate(named)}
+    hatches = {n: _HATCHES[(k // len(_CATEGORIES)) % len(_HATCHES)] for k, n in enumerate(named)}
+    none = np.array(to_rgb(_NONE))
+    place = np.searchsorted(present, values)
+    image = np.array([paint.get(n, none) for n in present])[place]
+    outside = np.zeros(values.shape, bool) if margin is None else margin.T < 0
+    image[outside] += _PALE * (1 - image[outside])
+    _image(data, ax, image)
+    x, y = (np.asarray(data[dim]) for dim in data.dims)
+    for n in named:
+        if hatches[n]:
+            ax.contourf(x, y, values == n, levels=[0.5, 1.5], colors="none", hatches=[hatches[n]])
+    handles: list[Any] = [
+        Patch(
+            facecolor=tuple(paint[n]), edgecolor="black", linewidth=0.6, hatch=hatches[n], label=style.words(flags[n])
+        )
+        for n in named
+    ]
+    if len(named) < len(present):
+        handles.append(Patch(facecolor=_NONE, edgecolor="black", linewidth=0.6, label="none"))
+    for column, row, n in _label_places(data, values, named, lines):
+        text = ax.text(column, row, style.words(flags[n]), ha="center", va="center", fontsize="small")
+        text.set_bbox({"facecolor": "white", "alpha": 0.65, "edgecolor": "none", "pad": 1.0})
+    if outside.any():
+        handles.append(Patch(facecolor="#F2F2F2", edgecolor="black", linewidth=0.6, label="pale: violated"))
+    if outside.any() and not outside.all():
+        ax.contour(x, y, margin.T, levels=[0.0], colors="black", linewidths=1.4)  # type: ignore[union-attr]
+        handles.append(Line2D([], [], color="black", linewidth=1.4, label="margin 0"))
+    title = str(data.attrs.get("long_name", data.name))
+    look: dict[str, Any] = {"title": title, "title_fontsize": "small", "fontsize": "small", "frameon": False}
+    ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5), **look)
 
 
 def _label_places(

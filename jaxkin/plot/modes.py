@@ -13,6 +13,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.kinematics.jacobian import jacobians
 from jaxkin.kinematics.solve import forward
+from jaxkin.plot import poses as poses_in_space
 from jaxkin.plot import style
 
 #: Points of base and platform nearer than this share of the picture would have their letters on one another.
@@ -26,28 +27,35 @@ def mechanism(robot: Mechanism, joints: ArrayLike, branches: Branches | None = N
 def mechanism(
     robot: Mechanism, joints: ArrayLike, branches: Branches | None = None, *, ax: Axes | None = None
 ) -> np.ndarray | Axes:
-    """Draws a planar mechanism in all its assembly modes.
+    """Draws a mechanism in all its assembly modes, in the plane or in space.
 
-    The platform is coloured by the sign of the direct determinant (blue positive, vermillion negative), which is
-    written out as well.
+    The platform, in space its outline, is coloured by the sign of the direct determinant (blue positive, vermillion
+    negative), which is written out as well.
 
     Args:
-        robot: A mechanism that can outline itself (``outline(pose)``), such as the 3-RPR.
+        robot: A mechanism that can outline itself in the plane (``outline(pose)``), such as the 3-RPR, or that says
+            what it looks like in space (``bodies(pose)``), such as the 3-PPPS and the TLPM.
         joints: ``(n_joint,)``.
         branches: Its forward solutions, if they are at hand.
-        ax: Axes in which all modes are drawn over each other; without it every mode has a panel.
+        ax: Axes in which all modes are drawn over each other (with ``projection="3d"`` for a spatial mechanism);
+            without it every mode has a panel.
 
     Returns:
         The Axes, or an array of them, one a mode.
 
     Raises:
-        InputError: The mechanism has no outline, or there is no real solution to draw.
+        InputError: The mechanism has neither outline nor bodies, there is no real solution to draw, or the Axes are
+            flat.
     """
-    check_outline(robot)
+    in_space = hasattr(robot, "bodies")
+    if not in_space:
+        check_outline(robot)
     found = forward(robot, joints) if branches is None else branches
     poses = np.asarray(found.values)[np.asarray(found.valid)]
     if len(poses) == 0:
         raise InputError(f"No real solution at joints {np.asarray(joints).tolist()}: {found.sentences()[0]}.")
+    if in_space:
+        return poses_in_space.modes(robot, joints, found, ax)
     if ax is not None:
         for number, pose in enumerate(poses, 1):
             _draw(robot, pose, joints, ax, number, overlaid=True)
@@ -71,12 +79,14 @@ def mechanism(
         panel.set_axis_off()
     for panel in panels.flat:
         panel.label_outer()
-    lengths = ", ".join(
-        f"{style.symbol(axis.name)} = {value:g}"
-        for axis, value in zip(robot.joint_axes, np.asarray(joints), strict=True)
-    )
-    figure.suptitle(f"{len(poses)} assembly modes at {lengths}", fontsize="medium")
+    _add_joints(figure, robot, np.asarray(joints), len(poses))
     return panels.ravel()[: len(poses)]
+
+
+def _add_joints(figure: Any, robot: Mechanism, joints: np.ndarray, count: int) -> None:
+    """Writes the joint values over all panels."""
+    values = ", ".join(f"{style.symbol(a.name)} = {v:g}" for a, v in zip(robot.joint_axes, joints, strict=True))
+    figure.suptitle(f"{count} assembly modes at {values}", fontsize="medium")
 
 
 def check_outline(robot: object) -> None:

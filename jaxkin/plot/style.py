@@ -4,6 +4,7 @@ import math
 import re
 
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.ticker import FuncFormatter, MultipleLocator
 
 #: Okabe and Ito's palette, told apart by all common kinds of colour vision.
@@ -34,7 +35,7 @@ OTHER_COUNT = "#777777"
 #: Signs of the direct determinant.
 SIGN_COLOURS = {1: OKABE_ITO["blue"], -1: OKABE_ITO["vermillion"], 0: OKABE_ITO["black"]}
 
-_GREEK = ("rho", "phi", "theta", "sigma", "alpha", "beta", "psi")
+_GREEK = ("rho", "phi", "theta", "sigma", "alpha", "beta", "gamma", "psi", "mu", "eta")
 
 
 def count_colour(number: int) -> str:
@@ -48,13 +49,29 @@ def number(value: float) -> str:
 
 
 def symbol(name: str) -> str:
-    """Returns an axis name as a formula: rho1 becomes a rho with an index."""
-    match = re.fullmatch(r"([A-Za-z]+?)(\d*)", name)
+    """Returns an axis name or a short expression as a formula: ``rho1x``, ``R22``, ``z + h``, ``cos(theta)``."""
+    function = re.fullmatch(r"(cos|sin|tan)\((\w+)\)", name)
+    if function is not None:
+        return rf"$\{function[1]}{symbol(function[2]).strip('$')}$"
+    if " " in name:
+        return f"${' '.join(symbol(part).strip('$') for part in name.split())}$"
+    match = re.fullmatch(r"([A-Za-z]+?)(\d+[a-z]?)?", name)
     if match is None:
         return name
     stem, index = match.groups()
     stem = rf"\{stem}" if stem in _GREEK else stem
     return f"${stem}_{{{index}}}$" if index else f"${stem}$"
+
+
+def words(text: str) -> str:
+    """Returns words with formulas in place of the names in them, as in ``"rho1x_low"`` or ``"upper, z > -h"``."""
+    text = text.replace("_", " ").replace(" -", " −")
+    return re.sub(r"\b([A-Za-z]+\d+[a-z]?|[b-zB-Z])\b", lambda match: symbol(match[0]), text)
+
+
+def value(name: str, number: float) -> str:
+    """Returns ``name = number`` with four digits and a proper minus sign."""
+    return f"{symbol(name)} = {round(number, 12) + 0.0:.4g}".replace("-", "−")
 
 
 def axis_label(name: str, unit: str) -> str:
@@ -68,10 +85,15 @@ def dress(ax: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
     ax.set_ylabel(axis_label(*y))
     for (_, unit), axis in ((x, ax.xaxis), (y, ax.yaxis)):
         if unit == "rad":
-            axis.set_major_locator(MultipleLocator(math.pi / 2))
-            axis.set_major_formatter(FuncFormatter(lambda value, _: _in_pi(value)))
+            ticks_in_pi(axis)
     if x[1] == y[1] and x[1] != "rad":
         ax.set_aspect("equal")
+
+
+def ticks_in_pi(axis: Axis) -> None:
+    """Gives an axis ticks at multiples of pi / 2."""
+    axis.set_major_locator(MultipleLocator(math.pi / 2))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _in_pi(value)))
 
 
 def _in_pi(value: float) -> str:
