@@ -32,6 +32,8 @@ def list_command(as_json: bool) -> None:
     for name, entry in CATALOGUE.items():
         geometry = ", ".join(f"{key}={value:.12g}" for key, value in entry.geometry.items())
         click.echo(f"{name:14} {entry.title}\n{'':14} {geometry}  ({entry.source})")
+        if entry.options:
+            click.echo(f"{'':14} also " + ", ".join(f"{key} ({how})" for key, how in entry.options.items()))
 
 
 cli.add_command(inverse_command)

@@ -14,6 +14,7 @@ from jaxkin.cli.options import (
     grid_option,
     grid_text,
     json_option,
+    limit_option,
     robot_of,
     set_option,
     start_jax,
@@ -38,6 +39,7 @@ _PICTURES = ("map.png", "map.pdf")
 @click.option("--force", is_flag=True, help="Replace what is there and start anew.")
 @click.option("--workers", type=click.IntRange(min=1), help="Threads; all cores by default.")
 @set_option
+@limit_option
 @json_option
 def map_command(
     mechanism: str,
@@ -48,6 +50,7 @@ def map_command(
     force: bool,
     workers: int | None,
     changes: tuple[str, ...],
+    limits: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Map a field over a grid.
@@ -63,7 +66,7 @@ def map_command(
     from jaxkin.sweep.engine import sweep
     from jaxkin.sweep.fields import by_name
 
-    robot = robot_of(mechanism, changes)
+    robot = robot_of(mechanism, changes, limits)
     chosen, grid = by_name(field), grid_of(fixes, grids)
     store = None if out is None else out / _DATA
     dataset = sweep(robot, chosen, grid, store=store, overwrite=force, workers=workers)
@@ -110,6 +113,8 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
         found = {str(n): int(counts[n]) for n in np.flatnonzero(counts)}
         fractions = {n: count / samples for n, count in found.items()}
         return {"fractions": fractions, "counts": found, "nearly_double": undecided}
+    if "flag_meanings" in main.attrs and main.ndim and main.dims[0] in json.loads(dataset.attrs["request"])["grid"]:
+        return _shares(main, samples)
     if any(dim not in json.loads(dataset.attrs["request"])["grid"] for dim in main.dims):
         return {}  # Branches and limits mix quantities; one range over them would mean nothing.
     values = np.asarray(main)
@@ -118,6 +123,18 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
     if defined.size:
         statistics |= {"min": float(defined.min()), "mean": float(defined.mean()), "max": float(defined.max())}
     return statistics
+
+
+def _shares(main: "xarray.DataArray", samples: int) -> dict[str, Any]:
+    """Returns the share of every category that occurs, by name."""
+    import numpy as np
+
+    counts = np.zeros(256, np.int64)
+    for slab in _slabs(main.shape):
+        counts += np.bincount(np.asarray(main[slab]).ravel().view(np.uint8), minlength=256)
+    values, names = np.atleast_1d(main.attrs["flag_values"]), main.attrs["flag_meanings"].split()
+    shares = {name: int(counts[value]) / samples for value, name in zip(values, names, strict=True) if counts[value]}
+    return {"shares": dict(sorted(shares.items(), key=lambda entry: -entry[1])), "none": int(counts[255]) / samples}
 
 
 def _slabs(shape: tuple[int, ...]) -> list[slice]:
@@ -164,6 +181,9 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
     if "fractions" in numbers:
         lines += [f"  {n:>3} solutions  {share:10.4%}" for n, share in numbers["fractions"].items()]
         lines.append(f"  nearly double (undecided in float64): {numbers['nearly_double']}")
+    elif "shares" in numbers:
+        lines += [f"  {name:24}{share:10.4%}" for name, share in numbers["shares"].items()]
+        lines.append(f"  {'(none)':24}{numbers['none']:10.4%}")
     elif "defined" in numbers:
         lines.append(
             f"  defined on {numbers['defined']:.2%}"

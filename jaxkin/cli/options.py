@@ -17,6 +17,9 @@ if TYPE_CHECKING:
 set_option: Callable[..., Any] = click.option(
     "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change the geometry, e.g. --set c2=1.5."
 )
+limit_option: Callable[..., Any] = click.option(
+    "--limit", "limits", multiple=True, metavar="JOINT=LOW:HIGH", help="Limit a joint, e.g. --limit rho1=0.5:2."
+)
 fix_option: Callable[..., Any] = click.option(
     "--fix", "fixes", multiple=True, metavar="AXIS=VALUE", help="Fix an axis."
 )
@@ -76,12 +79,21 @@ def pairs(option: str, items: tuple[str, ...]) -> dict[str, str]:
     return result
 
 
-def robot_of(name: str, changes: tuple[str, ...]) -> "Mechanism":
-    """Makes the mechanism that a command names."""
+def robot_of(name: str, changes: tuple[str, ...], limits: tuple[str, ...] = ()) -> "Mechanism":
+    """Makes the mechanism that a command names, with its geometry and limits changed."""
     from jaxkin.mechanisms.catalogue import create
 
-    parsed = {key: number(f"--set {key}", value) for key, value in pairs("--set", changes).items()}
-    return create(name, **parsed)
+    parsed: dict[str, float | tuple[float, ...]] = {}
+    for key, value in pairs("--set", changes).items():
+        parts = [number(f"--set {key}", part) for part in value.split(":")]
+        parsed[key] = tuple(parts) if len(parts) > 1 else parts[0]
+    intervals = {}
+    for key, value in pairs("--limit", limits).items():
+        ends = value.split(":")
+        if len(ends) != 2:
+            raise InputError(f"--limit {key} is {value!r}: write it as LOW:HIGH, for instance {key}=0:1.")
+        intervals[key] = (number(f"--limit {key} (low)", ends[0]), number(f"--limit {key} (high)", ends[1]))
+    return create(name, **parsed).with_limits(**intervals)
 
 
 def grid_of(fixes: tuple[str, ...], grids: tuple[str, ...]) -> "Grid":

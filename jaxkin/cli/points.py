@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from jaxkin.cli.folder import csv_text, write_files
-from jaxkin.cli.options import json_option, number, robot_of, set_option, start_jax
+from jaxkin.cli.options import json_option, limit_option, number, robot_of, set_option, start_jax
 from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
@@ -30,6 +30,7 @@ def _point_command(name: str) -> Callable[[Callable[..., int]], click.Command]:
         click.option("--out", type=Path, help="Write to a file (.csv or .json) instead of the screen."),
         click.option("--force", is_flag=True, help="Replace the file if it exists."),
         set_option,
+        limit_option,
         json_option,
     )
 
@@ -72,6 +73,7 @@ def _solve(
     out: Path | None,
     force: bool,
     changes: tuple[str, ...],
+    limits: tuple[str, ...],
     as_json: bool,
 ) -> int:
     if out is not None:
@@ -81,7 +83,7 @@ def _solve(
     from jaxkin.core.provenance import jsonable
 
     start_jax()
-    robot = robot_of(mechanism, changes)
+    robot = robot_of(mechanism, changes, limits)
     axes = robot.joint_axes if forward else robot.pose_axes
     if bool(values) == (table is not None):
         names = " ".join(axis.name.upper() for axis in axes)
@@ -178,6 +180,7 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
     branches, determinants = solve_table(robot, np.array(rows), forward=forward)
     values, valid, status = (np.asarray(a) for a in (branches.values, branches.valid, branches.status))
     multiplicity, residual = np.asarray(branches.multiplicity), np.asarray(branches.residual)
+    labels = robot.forward_labels if forward else ()
     records = []
     for row, given in enumerate(rows):
         start = {"row": row, **{axis.name: _or_none(g) for axis, g in zip(given_axes, given, strict=True)}}
@@ -185,13 +188,15 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
         if len(lanes) == 0:
             empty = dict.fromkeys([axis.name for axis in found_axes])
             code = Status(int(status[row, 0])).name.lower()
-            records.append({**start, "branch": None, **empty, "status": code, **dict.fromkeys(_MEASURES)})
+            label = {"label": None} if labels else {}
+            records.append({**start, "branch": None, **label, **empty, "status": code, **dict.fromkeys(_MEASURES)})
         for lane in lanes:
             solution = {axis.name: float(v) for axis, v in zip(found_axes, values[row, lane], strict=True)}
             records.append(
                 {
                     **start,
                     "branch": int(lane),
+                    **({"label": labels[lane]} if labels else {}),
                     **solution,
                     "status": Status(int(status[row, lane])).name.lower(),
                     "multiplicity": int(multiplicity[row, lane]),
@@ -227,7 +232,8 @@ def _summary(
     else:
         lines.append("  " + "".join(f"{axis.name:>20}" for axis in found_axes) + f"{'determinant':>16}  status")
     for record in solved:
-        cells = "".join(f"{record[axis.name]:20.14g}" for axis in found_axes)
+        cells = "".join(f"{record[axis.name] + 0.0:20.14g}" for axis in found_axes)
         times = f" (multiplicity {record['multiplicity']})" if record["multiplicity"] > 1 else ""
-        lines.append(f"  {cells}{record['determinant']:16.6g}  {record['status']}{times}")
+        label = f"  [{record['label']}]" if record.get("label") else ""
+        lines.append(f"  {cells}{record['determinant']:16.6g}  {record['status']}{times}{label}")
     return "\n".join(lines) + "\n"

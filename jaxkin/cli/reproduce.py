@@ -31,10 +31,12 @@ def reproduce_command(paper: str | None, out: Path | None, force: bool, changes:
     \b
     jaxkin reproduce wenger-chablat-2009 --out paper
     jaxkin reproduce wenger-chablat-2009 --out paper --set c2=1.5 --set c3=-0.7 --set d3=0.4
+    jaxkin reproduce chablat-baron-jha-rolland-2018 --out paper
+    jaxkin reproduce fu-gao-tlpm --out paper --set base_radius=834.386
 
-    Without a name it lists the papers. With --set, the paper's figure of a section is drawn for that
-    geometry as well. It takes about a minute, a quarter of it when repeated. The exit code is 0 if every check passed,
-    and 1 if not.
+    Without a name it lists the papers. With --set, the paper's figures of a section, of the robot or of its workspace
+    are drawn for that geometry as well. It takes about a minute, a quarter of it when repeated. The exit code is 0 if
+    every check passed, and 1 if not.
     """
     if paper is None:
         _list(as_json)

@@ -15,6 +15,7 @@ from jaxkin.cli.options import (
     grid_option,
     grid_text,
     json_option,
+    limit_option,
     robot_of,
     set_option,
     start_jax,
@@ -43,6 +44,7 @@ def _section_command(name: str) -> Callable[[Callable[..., None]], click.Command
         click.option("--out", type=Path, help=out_help),
         click.option("--force", is_flag=True, help="Replace this command's files; others in the folder stay."),
         set_option,
+        limit_option,
         json_option,
     )
 
@@ -64,6 +66,7 @@ def loci_command(
     out: Path | None,
     force: bool,
     changes: tuple[str, ...],
+    limits: tuple[str, ...],
     as_json: bool,
     closed_form: bool,
 ) -> None:
@@ -80,7 +83,7 @@ def loci_command(
     holds anything else is refused, unless --force is given.
     """
     _check_out(out, "loci", force)
-    robot, grid = _start(mechanism, changes, fixes, grids)
+    robot, grid = _start(mechanism, changes, limits, fixes, grids)
     if closed_form and not hasattr(robot, "closed_form_curves"):
         raise InputError(f"{mechanism} has no closed forms of its singular curves: leave out --closed-form.")
     from jaxkin.mapping.loci import singular_curves
@@ -105,6 +108,7 @@ def cusps_command(
     out: Path | None,
     force: bool,
     changes: tuple[str, ...],
+    limits: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Find the cusps of a section of the joint space: points where three assembly modes meet.
@@ -121,7 +125,7 @@ def cusps_command(
     holds anything else is refused, unless --force is given.
     """
     _check_out(out, "cusps", force)
-    robot, grid = _start(mechanism, changes, fixes, grids)
+    robot, grid = _start(mechanism, changes, limits, fixes, grids)
     from jaxkin.mapping.cusps import cusps
     from jaxkin.mapping.loci import singular_curves
 
@@ -146,10 +150,10 @@ def _check_out(out: Path | None, name: str, force: bool) -> None:
 
 
 def _start(
-    mechanism: str, changes: tuple[str, ...], fixes: tuple[str, ...], grids: tuple[str, ...]
+    mechanism: str, changes: tuple[str, ...], limits: tuple[str, ...], fixes: tuple[str, ...], grids: tuple[str, ...]
 ) -> tuple["Mechanism", "Grid"]:
     start_jax()
-    return robot_of(mechanism, changes), grid_of(fixes, grids)
+    return robot_of(mechanism, changes, limits), grid_of(fixes, grids)
 
 
 def _content(result: "SingularCurves | Cusps", seconds: float) -> dict[str, Any]:
