@@ -2,12 +2,15 @@
 
 import contextlib
 import io
+import math
 import re
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import jaxkin as jk
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text()
@@ -42,6 +45,21 @@ def test_the_mechanism_of_ones_own_does_what_the_readme_says():
     count, slope = printed.getvalue().split()
     assert int(count) == 2
     assert float(slope) == pytest.approx(2 / 3**0.5, rel=1e-12)
+
+
+def test_the_spatial_example_gives_the_numbers_in_its_comments():
+    code = "import jaxkin as jk, jax\njk.enable_x64()\n" + block("spatial", "python")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    count, share, radius, volume, slope = map(float, printed.getvalue().split())
+    assert count == 4
+    assert share == pytest.approx(0.25, abs=1e-9)
+    assert radius == pytest.approx(math.pi / 2, abs=1e-9)
+    assert volume == pytest.approx(72322565.930, abs=1e-3)
+    robots = (jk.mechanisms.tlpm.create(590.0, 590.0 + step) for step in (0.01, -0.01))
+    up, down = (float(jk.workspace_volume(robot).volume) for robot in robots)
+    assert slope == pytest.approx((up - down) / 0.02, rel=1e-6)
 
 
 def test_both_commands_stand_alone_and_ci_reads_the_test_command():

@@ -10,6 +10,7 @@ from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
 from jaxkin.kinematics.boundary import as_tuple, checked_mechanism, checked_vector
 from jaxkin.numerics import newton
+from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.implicit import attach_derivatives
 
 
@@ -76,9 +77,7 @@ def frame_lanes(robot: Mechanism, joints: tuple[Array, ...]) -> tuple[Lane, ...]
 
 def _guarded(robot: Mechanism, joints: tuple[Array, ...], lanes: tuple[Lane, ...]) -> tuple[Lane, ...]:
     outside = ~inside_limits(robot, joints)
-    return tuple(
-        _masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, joints)) for lane in lanes
-    )
+    return _masked(lanes, outside, *_nothing_to_say(robot, joints))
 
 
 def inverse_lanes(robot: Mechanism, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
@@ -90,7 +89,7 @@ def inverse_lanes(robot: Mechanism, pose: tuple[Array, ...]) -> tuple[Lane, ...]
     masked = []
     for lane in lanes:
         outside = (lane.multiplicity > 0) & ~inside_limits(robot, lane.values)
-        masked.append(_masked(_masked(lane, outside, Status.OUTSIDE_LIMITS), *_nothing_to_say(robot, pose)))
+        masked += _masked((lane,), outside, *_nothing_to_say(robot, pose))
     return tuple(masked)
 
 
@@ -116,12 +115,20 @@ def _nothing_to_say(robot: Mechanism, given: tuple[Array, ...]) -> tuple[Array, 
     return ~(finite & geometry), jnp.where(geometry, Status.INVALID_INPUT, Status.INVALID_GEOMETRY)
 
 
-def _masked(lane: Lane, where: Array, status: Array | Status) -> Lane:
-    return Lane(
-        values=tuple(jnp.where(where, jnp.nan, value) for value in lane.values),
-        status=jnp.where(where, jnp.asarray(status, jnp.int8), lane.status),
-        multiplicity=jnp.where(where, jnp.int8(0), lane.multiplicity),
-        residual=jnp.where(where, jnp.nan, lane.residual),
+def _masked(lanes: tuple[Lane, ...], outside: Array, bad: Array, status: Array) -> tuple[Lane, ...]:
+    """Empties lanes outside the limits, and where the input or the geometry is bad."""
+    gone = outside | bad
+    why = jnp.where(bad, jnp.asarray(status, jnp.int8), jnp.int8(Status.OUTSIDE_LIMITS))
+    # One sum for each entry: the tests above would otherwise be made again for each.
+    (nothing,) = materialise(jnp.where(gone, jnp.nan, 0.0))
+    return tuple(
+        Lane(
+            values=tuple(value + nothing for value in lane.values),
+            status=jnp.where(gone, why, lane.status),
+            multiplicity=jnp.where(gone, jnp.int8(0), lane.multiplicity),
+            residual=lane.residual + nothing,
+        )
+        for lane in lanes
     )
 
 

@@ -239,8 +239,8 @@ def _clearances(robot: "TLPM", limbs: list[_Axes], overhang: ArrayLike) -> dict[
 def _distances(pairs: list[tuple[Points, Points]]) -> list[Array]:
     """Returns the distance of each pair of segments.
 
-    For one pose in one operation over all pairs: unrolled, the derivatives alone would compile for a minute. For arrays
-    of poses unrolled, so that nothing is written in between.
+    For one pose in one operation over all pairs: unrolled, the derivatives alone take many times as long to compile.
+    For arrays of poses unrolled, so that nothing is written in between.
     """
     if jnp.ndim(pairs[0][0][0][0]) > 0:
         return [segments.distance(*one, *other) for one, other in pairs]

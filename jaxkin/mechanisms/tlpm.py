@@ -36,7 +36,17 @@ from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _tlpm_bodies, _tlpm_wrist
 from jaxkin.mechanisms._geometry import batch_limits, leaves, vector_leaf
-from jaxkin.mechanisms._tlpm_wrist import elbow_modes, link_clearances, links, wrist_angles
+from jaxkin.mechanisms._tlpm_wrist import (
+    CLEARANCE_NAMES,
+    ELBOW_MODES,
+    LINK_NAMES,
+    ElbowModes,
+    WristAngles,
+    elbow_modes,
+    link_clearances,
+    links,
+    wrist_angles,
+)
 from jaxkin.numerics.spheres import Shells
 
 Numbers: TypeAlias = ArrayLike | Sequence[Any]
@@ -390,9 +400,14 @@ def stroke_jacobian(robot: TLPM, pose: ArrayLike) -> Array:
 
 
 __all__ = [
+    "CLEARANCE_NAMES",
+    "ELBOW_MODES",
     "LIMB_ANGLES",
+    "LINK_NAMES",
     "TLPM",
     "WRIST_LIMITS",
+    "ElbowModes",
+    "WristAngles",
     "create",
     "elbow_modes",
     "link_clearances",

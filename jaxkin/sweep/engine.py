@@ -180,7 +180,8 @@ def _block_values(
     spread = list(coordinates)
     for place, k in enumerate(free):
         spread[k] = coordinates[k].reshape(tuple(-1 if i == place else 1 for i in range(len(free))))
-    return tuple(jnp.broadcast_to(value, shape) for value in field.kernel(robot, tuple(spread)))
+    values = field.kernel(robot, tuple(spread))
+    return tuple(jnp.broadcast_to(value, value.shape[: max(0, value.ndim - len(shape))] + shape) for value in values)
 
 
 # Not with xla_cpu_prefer_vector_width=512, which would make counts up to 1.4 times faster: with it jaxlib 0.10 computes
@@ -219,7 +220,9 @@ class _Tiler:
             if k in self._plan.grid.free:
                 side, length = next(sides)
                 piece = samples[side]
-                coordinates.append(np.pad(piece, (0, length - len(piece)), mode="edge"))
+                # np.pad takes longer than a small block.
+                whole = len(piece) == length
+                coordinates.append(piece if whole else np.pad(piece, (0, length - len(piece)), mode="edge"))
             else:
                 coordinates.append(samples[0])
         return tuple(coordinates)

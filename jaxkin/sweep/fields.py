@@ -162,6 +162,25 @@ def _branches_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordin
     return kernel
 
 
+def _stacked_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordinates], tuple[Array, ...]]:
+    """Like ``_branches_kernel`` with one output for each coordinate, all lanes in it; a call costs by outputs."""
+
+    def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
+        shape = jnp.broadcast_shapes(*(jnp.shape(each) for each in coordinates))
+        lanes = solver(robot, coordinates)
+        codes = [lane.status.astype(jnp.uint8) | (lane.multiplicity.astype(jnp.uint8) << 4) for lane in lanes]
+        columns = (*zip(*(lane.values for lane in lanes), strict=True), codes)
+        return tuple(jnp.stack([jnp.broadcast_to(each, shape) for each in column]) for column in columns)
+
+    return kernel
+
+
+def _unpack_stacked(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
+    *values, codes = arrays
+    poses = (value[k] for k in range(len(codes)) for value in values)
+    return (*poses, *(codes & 0x0F).view(np.int8), *(codes >> 4).view(np.int8))
+
+
 def _unpack_branches(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
     codes = [array for array in arrays if array.dtype == np.uint8]
     values = arrays[: len(arrays) - len(codes)]
@@ -211,8 +230,8 @@ forward_frames = Field(
     name="forward_frames",
     domain="joints",
     variables=_frame_variables,
-    kernel=_branches_kernel(frame_lanes),
-    unpack=_unpack_branches,
+    kernel=_stacked_kernel(frame_lanes),
+    unpack=_unpack_stacked,
     block=lambda robot: robot.forward_block,
 )
 

@@ -20,6 +20,7 @@ SUITES: dict[str, int | None] = {
     "analytic_branches": 1,
     "general_branches": 1,
     "sections": 1,
+    "spatial": 1,
     "two_cores": None,
     "memory": None,
     "command_line": None,
