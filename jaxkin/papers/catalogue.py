@@ -30,6 +30,18 @@ PAPERS: dict[str, Paper] = {
         module="jaxkin.papers.wenger_chablat_2009",
         mechanism="rpr3-analytic",
     ),
+    "chablat-baron-jha-rolland-2018": Paper(
+        title="The 3-PPPS parallel robot with U-shape base, a 6-DOF parallel robot with simple kinematics",
+        source="Chablat, D., Baron, L., Jha, R. and Rolland, L., Advances in Robot Kinematics, 2018, hal-01782286",
+        module="jaxkin.papers.chablat_baron_jha_rolland_2018",
+        mechanism="ppps3",
+    ),
+    "fu-gao-tlpm": Paper(
+        title="Kinematic performances of a novel TLPM parallel robot",
+        source="Fu, J. and Gao, F.; the text at hand has neither place nor year, its latest references are of 2015",
+        module="jaxkin.papers.fu_gao_tlpm",
+        mechanism="tlpm",
+    ),
 }
 
 

@@ -3,7 +3,8 @@
 import csv
 import io
 import json
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -143,6 +144,19 @@ class Part:
             )
         lines += [f"\n{table.title}\n\n{table.markdown()}" for table in self.tables.values()]
         return "\n".join(lines)
+
+
+def run_parts(steps: Sequence[Callable[[], Part]], tell: Callable[[str], object] | None = None) -> tuple[Part, ...]:
+    """Makes the parts of a reproduction, and tells of each as it is done."""
+    parts = []
+    for step in steps:
+        begin = time.perf_counter()
+        parts.append(step())
+        if tell is not None:
+            checks, seconds = parts[-1].checks, time.perf_counter() - begin
+            passed = sum(check.passed for check in checks)
+            tell(f"{parts[-1].title}: {passed} of {len(checks)} checks passed ({seconds:.1f} s)")
+    return tuple(parts)
 
 
 @dataclass(frozen=True)

@@ -16,13 +16,13 @@ from typing import TYPE_CHECKING
 from jaxkin.core.provenance import run_log
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._reference_sections import compute_sections, reference_geometry
+from jaxkin.papers._samples import SEED
 from jaxkin.papers._wc2009_equation_8 import cusp_equation
 from jaxkin.papers._wc2009_equations import equations
 from jaxkin.papers._wc2009_figures import figure_2, figure_3, figure_3_of, fold_over_cusp
-from jaxkin.papers._wc2009_samples import SEED
 from jaxkin.papers._wc2009_tables import cusp_tables
 from jaxkin.papers.catalogue import PAPERS
-from jaxkin.papers.report import Part, Report
+from jaxkin.papers.report import Part, Report, run_parts
 
 if TYPE_CHECKING:
     from jaxkin.mechanisms.rpr3 import AnalyticRPR3
@@ -62,20 +62,14 @@ def reproduce(robot: "AnalyticRPR3 | None" = None, tell: Callable[[str], object]
 
     Cost: under a minute on two cores, a quarter of it where compiled kernels are cached.
     """
-    start, parts = time.perf_counter(), []
+    start = time.perf_counter()
     steps: list[Callable[[], Part]] = [equations, figure_2, figure_3, fold_over_cusp, cusp_tables]
     if robot is not None:
         steps.append(lambda: figure_3_of(robot))
     with ThreadPoolExecutor(1) as second:
         sections = second.submit(compute_sections)
         steps.append(lambda: reference_geometry(sections.result()))
-        for step in steps:
-            begin = time.perf_counter()
-            parts.append(step())
-            if tell is not None:
-                passed = sum(check.passed for check in parts[-1].checks)
-                seconds = time.perf_counter() - begin
-                tell(f"{parts[-1].title}: {passed} of {len(parts[-1].checks)} checks passed ({seconds:.1f} s)")
+        parts = run_parts(steps, tell)
     paper = PAPERS["wenger-chablat-2009"]
     geometry = {"example": dict(zip(("c2", "c3", "d3"), printed.EXAMPLE, strict=True))}
     if robot is not None:
@@ -83,7 +77,7 @@ def reproduce(robot: "AnalyticRPR3 | None" = None, tell: Callable[[str], object]
     return Report(
         title=paper.title,
         source=paper.source,
-        parts=tuple(parts),
+        parts=parts,
         errata=printed.ERRATA,
         unchecked=UNCHECKED,
         settings={"geometry": geometry, "seed of random points": SEED},

@@ -1,4 +1,4 @@
-"""Random members, poses and lengths at which the equations of Wenger and Chablat 2009 are compared."""
+"""Random points at which printed equations are compared, and how differences are measured."""
 
 from typing import Any
 
