@@ -191,8 +191,8 @@ def figures_5_to_7() -> Part:
         ),
         "figure_6": Picture.of(
             jk.plot.interference(turned, home),
-            f"After Fig. 6: links at home, the platform turned by {_YAW:g} degrees about z: under the limit, not proven "
-            "free [ours]",
+            f"After Fig. 6: links at home, the platform turned by {_YAW:g} degrees about z: under the limit, not "
+            "proven free [ours]",
         ),
         "figure_7": Picture.of(
             jk.plot.clearance_limit(robot), "After Fig. 7: why sqrt2 a is the least distance that excludes contact"
