@@ -15,10 +15,18 @@ if TYPE_CHECKING:
     from jaxkin.sweep.grid import Grid
 
 set_option: Callable[..., Any] = click.option(
-    "--set", "changes", multiple=True, metavar="NAME=VALUE", help="Change the geometry, e.g. --set c2=1.5."
+    "--set",
+    "changes",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="Change the geometry, e.g. --set c2=1.5, --set elbows=1:-1:1.",
 )
 limit_option: Callable[..., Any] = click.option(
-    "--limit", "limits", multiple=True, metavar="JOINT=LOW:HIGH", help="Limit a joint, e.g. --limit rho1=0.5:2."
+    "--limit",
+    "limits",
+    multiple=True,
+    metavar="JOINT=LOW:HIGH",
+    help="Limit a joint, e.g. --limit rho1=0.5:2, --limit rho1x=-1:1, --limit theta1=0.5:3.",
 )
 fix_option: Callable[..., Any] = click.option(
     "--fix", "fixes", multiple=True, metavar="AXIS=VALUE", help="Fix an axis."
@@ -85,6 +93,8 @@ def robot_of(name: str, changes: tuple[str, ...], limits: tuple[str, ...] = ()) 
 
     parsed: dict[str, float | tuple[float, ...]] = {}
     for key, value in pairs("--set", changes).items():
+        if "," in value:
+            raise InputError(f"--set {key} is {value!r}: write several numbers with colons, {value.replace(',', ':')}.")
         parts = [number(f"--set {key}", part) for part in value.split(":")]
         parsed[key] = tuple(parts) if len(parts) > 1 else parts[0]
     intervals = {}

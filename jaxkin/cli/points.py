@@ -173,7 +173,7 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
     import numpy as np
 
     from jaxkin.core.errors import Status
-    from jaxkin.kinematics.batch import solve_table
+    from jaxkin.kinematics.batch import solve_table, violated_margins
 
     given_axes = robot.joint_axes if forward else robot.pose_axes
     found_axes = robot.pose_axes if forward else robot.joint_axes
@@ -181,6 +181,8 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
     values, valid, status = (np.asarray(a) for a in (branches.values, branches.valid, branches.status))
     multiplicity, residual = np.asarray(branches.multiplicity), np.asarray(branches.residual)
     labels = robot.forward_labels if forward else ()
+    # Statuses know the joints' limits alone; what else a robot limits is said beside.
+    more = set(robot.limit_fields()) - {"limits"}
     records = []
     for row, given in enumerate(rows):
         start = {"row": row, **{axis.name: _or_none(g) for axis, g in zip(given_axes, given, strict=True)}}
@@ -189,8 +191,12 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
             empty = dict.fromkeys([axis.name for axis in found_axes])
             code = Status(int(status[row, 0])).name.lower()
             label = {"label": None} if labels else {}
-            records.append({**start, "branch": None, **label, **empty, "status": code, **dict.fromkeys(_MEASURES)})
-        for lane in lanes:
+            measures = (*_MEASURES, "violated") if more else _MEASURES
+            records.append({**start, "branch": None, **label, **empty, "status": code, **dict.fromkeys(measures)})
+        given_rows = np.tile(np.asarray(given), (len(lanes), 1))
+        pair = (values[row, lanes], given_rows) if forward else (given_rows, values[row, lanes])
+        beyond = violated_margins(robot, *pair) if more and len(lanes) else []
+        for place, lane in enumerate(lanes):
             solution = {axis.name: float(v) for axis, v in zip(found_axes, values[row, lane], strict=True)}
             records.append(
                 {
@@ -202,6 +208,7 @@ def _records(robot: "Mechanism", rows: list[list[float]], forward: bool) -> list
                     "multiplicity": int(multiplicity[row, lane]),
                     "residual": float(residual[row, lane]),
                     "determinant": float(determinants[row, lane]),
+                    **({"violated": " ".join(beyond[place])} if more else {}),
                 }
             )
     return records
@@ -235,5 +242,6 @@ def _summary(
         cells = "".join(f"{record[axis.name] + 0.0:20.14g}" for axis in found_axes)
         times = f" (multiplicity {record['multiplicity']})" if record["multiplicity"] > 1 else ""
         label = f"  [{record['label']}]" if record.get("label") else ""
-        lines.append(f"  {cells}{record['determinant']:16.6g}  {record['status']}{times}{label}")
+        beyond = f"  violated: {record['violated']}" if record.get("violated") else ""
+        lines.append(f"  {cells}{record['determinant']:16.6g}  {record['status']}{times}{label}{beyond}")
     return "\n".join(lines) + "\n"

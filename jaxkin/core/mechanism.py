@@ -2,12 +2,13 @@
 
 import dataclasses
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple, TypeVar, dataclass_transform
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 
 from jaxkin.core.branches import Lane
@@ -59,8 +60,14 @@ class Limits:
 
     @classmethod
     def lengths(cls, n_joint: int, low: float = 0.0, high: float = math.inf) -> "Limits":
-        """Returns the same interval for every leg; by default a length is only not negative."""
-        return cls(jnp.full(n_joint, low, dtype=float), jnp.full(n_joint, high, dtype=float))
+        """Returns the same interval for every leg; by default a length is only not negative.
+
+        Raises:
+            InputError: An end is no number. An interval the wrong way round is left to the mechanism's constructor,
+                which names the joint.
+        """
+        ends = _checked_ends("the lengths", (low, high))
+        return cls(*(jnp.full(n_joint, end, dtype=float) for end in ends))
 
     @classmethod
     def none(cls, n_joint: int) -> "Limits":
@@ -161,7 +168,8 @@ class Mechanism:
         """Returns a copy with other limits of some joints, ``robot.with_limits(rho1=(0.5, 2.0))``.
 
         Raises:
-            InputError: A joint is unknown, the mechanism has no limits, or an interval is the wrong way round.
+            InputError: A joint is unknown, the mechanism has no limits, or an interval is not two numbers or the wrong
+                way round (not checked under tracing).
         """
         changed, robot = dict(intervals), self
         for name, names in self.limit_fields().items():
@@ -220,26 +228,87 @@ class Mechanism:
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
 
     def __str__(self) -> str:
-        """The id and the geometry in one line."""
+        """The id, the geometry and the limits in one line."""
         leaves = jax.tree_util.tree_leaves(self)
         if any(is_traced(leaf) or jnp.ndim(leaf) > 1 for leaf in leaves):
             return f"{self.id or type(self).__name__} (batched or traced)"
-        parts = ", ".join(
-            f"{name}={value:.12g}" for name, value in self.geometry().items() if isinstance(value, int | float)
-        )
-        return f"{self.id or type(self).__name__}({parts})"
+        parts = []
+        for name, value in self.geometry().items():
+            if isinstance(value, int | float):
+                parts.append(f"{name}={value:.12g}")
+            elif not name.endswith((".low", ".high")):
+                parts.append(f"{name}=({', '.join(f'{entry:.6g}' for entry in value)})")
+        for field, names in self.limit_fields().items():
+            limits = getattr(self, field)
+            for name, low, high in zip(names, limits.low.tolist(), limits.high.tolist(), strict=True):
+                # That a length is not negative goes without saying.
+                if math.isfinite(high) or (math.isfinite(low) and low != 0):
+                    parts.append(f"{name} in [{low:.6g}, {high:.6g}]")
+        return f"{self.id or type(self).__name__}({', '.join(parts)})"
 
 
 def _changed_limits(limits: Limits, names: tuple[str, ...], intervals: dict[str, tuple[float, float]]) -> Limits:
     low, high = limits.low, limits.high
-    for name, (least, most) in intervals.items():
-        if not least <= most:
+    for name, interval in intervals.items():
+        least, most = _checked_ends(name, interval)
+        known = [concrete_reals(end) for end in interval]
+        if known[0] is not None and known[1] is not None and not np.all(known[0] <= known[1]):
             raise InputError(
-                f"The limits of {name} are {least:g} and {most:g}: the low one must be a number not greater than the "
-                "high one; exchange them."
+                f"The limits of {name} are {plain(known[0])} and {plain(known[1])}: the low one must be a number not "
+                "greater than the high one; exchange them."
             )
         low, high = low.at[..., names.index(name)].set(least), high.at[..., names.index(name)].set(most)
     return Limits(low, high)
+
+
+def _checked_ends(name: str, interval: Any) -> tuple[Array, Array]:
+    """Returns both ends of an interval as numbers, or says what is wrong with them."""
+    ends = [as_reals(end) for end in interval] if isinstance(interval, Sequence | np.ndarray | Array) else []
+    if isinstance(interval, str) or len(ends) != 2 or ends[0] is None or ends[1] is None:
+        raise InputError(
+            f"The limits of {name} are {interval!r}: they must be two numbers, (low, high); give both, inf where there "
+            "is no limit."
+        )
+    for end in map(concrete_reals, interval):
+        if end is not None and np.isnan(end).any():
+            raise InputError(f"A limit of {name} is {plain(end)}: it must be a number; give inf where there is none.")
+    return ends[0], ends[1]
+
+
+def plain(value: Any) -> str:
+    """Returns concrete numbers as they are written, without the names of array types."""
+    array = np.asarray(value)
+    return f"{array:g}" if array.ndim == 0 else f"({', '.join(map(plain, array))})"
+
+
+def as_reals(value: Any) -> Array | None:
+    """Returns real numbers as a float array, and None for anything else: text, complex numbers, ragged lists."""
+    try:
+        return jnp.asarray(value, dtype=float) if _are_real(value) else None
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def concrete_reals(value: Any) -> np.ndarray | None:
+    """Returns real numbers as a NumPy array, and None for anything else, tracers included.
+
+    Inside ``jit`` JAX makes a tracer of every constant that it converts, which NumPy does not.
+    """
+    try:
+        return np.asarray(value, dtype=float) if _are_real(value) else None
+    except (TypeError, ValueError, OverflowError):
+        return None
+
+
+def _are_real(value: Any) -> bool:
+    return all(map(_is_real, jax.tree_util.tree_leaves(value, is_leaf=lambda part: part is None)))
+
+
+def _is_real(leaf: Any) -> bool:
+    if not hasattr(leaf, "dtype"):
+        # NumPy would read text as the number it spells, and None as NaN.
+        return leaf is not None and not isinstance(leaf, str | bytes | complex)
+    return any(jnp.issubdtype(leaf.dtype, kind) for kind in (jnp.floating, jnp.integer, jnp.bool_))
 
 
 Subclass = TypeVar("Subclass", bound=type[Mechanism])

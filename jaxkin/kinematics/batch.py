@@ -2,6 +2,7 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
@@ -37,6 +38,13 @@ def _solve(robot: Mechanism, rows: Array, forward: bool) -> tuple[Branches, Arra
 
     per_branch = jax.vmap(determinant, in_axes=(None, 0, 0))
     return branches, jax.vmap(per_branch)(rows, branches.values, branches.valid)
+
+
+def violated_margins(robot: Mechanism, poses: ArrayLike, joints: ArrayLike) -> list[list[str]]:
+    """Returns for each of n configurations, ``(n, n_pose)`` and ``(n, n_joint)``, the names of its negative margins."""
+    margins = robot.margins(jnp.asarray(poses, float), jnp.asarray(joints, float))
+    negative = {name: np.atleast_1d(np.asarray(margin) < 0) for name, margin in margins.items()}
+    return [[name for name, where in negative.items() if where[k]] for k in range(len(np.asarray(poses)))]
 
 
 _solve_table = jax.jit(_solve, static_argnames="forward")

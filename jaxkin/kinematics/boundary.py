@@ -6,7 +6,7 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError, PrecisionError
-from jaxkin.core.mechanism import Axis, Mechanism
+from jaxkin.core.mechanism import Axis, Mechanism, as_reals
 from jaxkin.core.precision import require_x64
 from jaxkin.core.tracing import is_traced
 
@@ -39,14 +39,12 @@ def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]
     """Returns one configuration as a float64 vector.
 
     Raises:
-        InputError: Not numbers, or not of shape ``(len(axes),)``; a batch is told of ``jax.vmap``.
+        InputError: Not real numbers, or not of shape ``(len(axes),)``; a batch is told of ``jax.vmap``.
     """
     names = ", ".join(axis.name for axis in axes)
-    try:
-        array = value if is_traced(value) else jnp.asarray(value)
-        array = jnp.asarray(array, dtype=float)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} numbers ({names}).") from error
+    array = as_reals(value)
+    if array is None:
+        raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} real numbers ({names}).")
     if array.shape != (len(axes),):
         remedy = ""
         if array.ndim > 1 and array.shape[-1] == len(axes):

@@ -4,10 +4,10 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
-from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.mechanism import Mechanism, concrete_reals
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.kinematics.boundary import checked_single
-from jaxkin.mapping._orientation_factors import affine_factors
+from jaxkin.mapping._orientation_factors import affine_factors, checked_concrete, checked_whole
 from jaxkin.mapping._orientation_records import RotationBall
 from jaxkin.numerics import haar, newton
 
@@ -36,23 +36,30 @@ def largest_rotation_ball(robot: Mechanism, center: ArrayLike | None = None, sta
         robot: A mechanism with factors that are affine in the entries of R = Rx(phi) Ry(theta) Rz(sigma) and do not
             depend on the position, as the 3-PPPS.
         center: ``(3, 3)`` rotation in the middle; the identity (home) by default.
-        starts: Starts for each factor.
+        starts: Starts for each factor, a positive whole number.
 
     Raises:
-        InputError: Not one such mechanism, or the centre is no rotation or singular.
+        InputError: Not one such mechanism, the centre is no rotation or singular, ``starts`` is no positive whole
+            number, or none of the starts converged for a factor that vanishes somewhere.
     """
     checked_single(_WHO, robot)
+    checked_concrete(_WHO, center=center)
     names, factors = affine_factors(_WHO, robot)
     middle = _checked_center(center)
     at_center = factors(middle[None])[:, 0]
     if np.min(np.abs(at_center)) <= TOLERANCES.residual:
         name = names[int(np.argmin(np.abs(at_center)))]
         raise InputError(f"center is a singular rotation ({name} = 0): a ball about it is empty; choose another one.")
-    quaternions = _lattice(starts)
+    quaternions = _lattice(checked_whole(_WHO, "starts", starts, 1, 256))
     radii, converged, ends = {}, {}, []
     for k, name in enumerate(names):
         form = _quadratic_form(factors.constant[k], middle.T @ factors.slope[k])
         found = _stationary(form, quaternions)
+        if not len(found) and _vanishes(form):
+            raise InputError(
+                f"{_WHO}: starts is {len(quaternions)}, and none of them converged for {name} = 0, which exists: it "
+                "must be large enough for every factor; give more, 256 for instance."
+            )
         converged[name] = len(found)
         radii[name] = float(_angles(found).min(initial=np.inf))
         ends.append(found)
@@ -74,8 +81,17 @@ def largest_rotation_ball(robot: Mechanism, center: ArrayLike | None = None, sta
     )
 
 
+def _vanishes(form: np.ndarray) -> bool:
+    """True where q A q = 0 for some unit quaternion: the form is not definite."""
+    values = np.linalg.eigvalsh(form)
+    return bool(values[0] <= 0 <= values[-1])
+
+
 def _checked_center(center: ArrayLike | None) -> np.ndarray:
-    middle = np.eye(3) if center is None else np.asarray(center, float)
+    reals = np.eye(3) if center is None else concrete_reals(center)
+    if reals is None:
+        raise InputError(f"center is {center!r}: it must be a rotation matrix, (3, 3) real numbers.")
+    middle = reals
     if middle.shape != (3, 3) or not np.allclose(middle.T @ middle, np.eye(3), atol=1e-9) or np.linalg.det(middle) < 0:
         raise InputError(
             f"center is {middle.tolist()}: it must be a rotation matrix, (3, 3), orthonormal with det = 1."

@@ -9,11 +9,40 @@ import numpy as np
 from jax import Array
 
 from jaxkin.core.errors import InputError
-from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.mechanism import Mechanism, concrete_reals
+from jaxkin.core.tracing import is_traced
 from jaxkin.numerics import haar, rotations
 
 #: Names of the pose axes that are angles of R = Rx(phi) Ry(theta) Rz(sigma).
 ANGLES = ("phi", "theta", "sigma")
+
+
+def checked_concrete(who: str, **arguments: Any) -> None:
+    """Raises if an argument is traced, for what no kernel can do."""
+    for name, value in arguments.items():
+        if any(map(is_traced, jax.tree_util.tree_leaves(value))):
+            raise InputError(f"{who} cannot be traced, as {name} is: call it outside jax.jit, jax.vmap and jax.grad.")
+
+
+def checked_tolerance(who: str, tolerance: Any, example: float, below: float = np.inf) -> float:
+    """Returns a positive number below a bound, or says what the tolerance is instead."""
+    checked_concrete(who, tolerance=tolerance)
+    number = concrete_reals(tolerance)
+    if number is None or number.shape != () or not 0 < float(number) < below:
+        rule = "a positive number" if below == np.inf else f"a number between 0 and {below:g}"
+        raise InputError(f"{who}: tolerance is {tolerance!r}: it must be {rule}; give {example:g}, for instance.")
+    return float(number)
+
+
+def checked_whole(who: str, name: str, value: Any, least: int, example: int) -> int:
+    """Returns a whole number that is not below the least one, or says what it is instead."""
+    checked_concrete(who, **{name: value})
+    number = concrete_reals(value)
+    if number is None or number.shape != () or not np.isfinite(number) or not least <= float(number) == int(number):
+        raise InputError(
+            f"{who}: {name} is {value!r}: it must be a whole number, at least {least}; give {example}, for instance."
+        )
+    return int(number)
 
 
 def affine_factors(who: str, robot: Mechanism) -> tuple[tuple[str, ...], haar.Affine]:

@@ -7,6 +7,7 @@ from typing import Any, overload
 
 import numpy as np
 
+from jaxkin.core.errors import InputError
 from jaxkin.mapping import _isosurface
 
 #: Name of the faces of a solid on which no factor vanishes: where the chart ends.
@@ -97,6 +98,14 @@ class OrientationAspect:
     neighbours: dict[str, str]
 
 
+class UnknownAspect(InputError, KeyError):
+    """No aspect has this label; a KeyError as for every mapping."""
+
+    def __str__(self) -> str:
+        """The sentence itself, which a KeyError would put in quotation marks."""
+        return str(self.args[0])
+
+
 @dataclass(frozen=True, eq=False)
 class OrientationAspects(Sequence[OrientationAspect]):
     """All aspects of the orientation space.
@@ -116,12 +125,17 @@ class OrientationAspects(Sequence[OrientationAspect]):
     @overload
     def __getitem__(self, index: slice) -> tuple[OrientationAspect, ...]: ...
     def __getitem__(self, index: int | str | slice) -> OrientationAspect | tuple[OrientationAspect, ...]:
-        """Returns one aspect, by number or label (``"home"`` is the first), or a tuple of them."""
+        """Returns one aspect, by number or label (``"home"`` is the first), or a tuple of them.
+
+        Raises:
+            UnknownAspect: There is no such label; it is an InputError and a KeyError.
+        """
         if isinstance(index, str):
             for aspect in self.aspects[:1] if index == "home" else self.aspects:
                 if index in ("home", aspect.label):
                     return aspect
-            raise KeyError(f"{index!r}: the aspects are {', '.join(repr(a.label) for a in self.aspects)}, or 'home'.")
+            known = ", ".join(repr(a.label) for a in self.aspects)
+            raise UnknownAspect(f"There is no aspect {index!r}: they are {known}, or 'home'; give one of these.")
         return self.aspects[index]
 
     def __len__(self) -> int:

@@ -8,8 +8,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxkin.core.errors import InputError
-from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.mechanism import Mechanism, concrete_reals
 from jaxkin.kinematics.boundary import checked_single
+from jaxkin.mapping._orientation_factors import checked_concrete
 from jaxkin.mapping._orientation_records import CHART, Solid
 from jaxkin.mechanisms import ppps3_closed_forms as closed
 from jaxkin.mechanisms.ppps3 import PPPS3
@@ -124,9 +125,11 @@ def _number(robot: PPPS3, label: str) -> int:
 
 
 def _steps(n: int) -> int:
-    if int(n) != n or n < 2:
-        raise InputError(f"n is {n}: a mesh needs at least 2 steps; give a whole number.")
-    return int(n)
+    checked_concrete("A mesh", n=n)
+    number = concrete_reals(n)
+    if number is None or number.shape != () or not np.isfinite(number) or not 2 <= float(number) == int(number):
+        raise InputError(f"n is {n!r}: a mesh needs at least 2 steps; give a whole number, 16 for instance.")
+    return int(number)
 
 
 class _Mesh(NamedTuple):

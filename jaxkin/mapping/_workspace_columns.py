@@ -86,13 +86,17 @@ class Found:
     def record(self, workspace: float, tolerance: float, branch: str, unit: str, request: dict[str, Any]) -> FreeVolume:
         """Returns the result; the share times the exact volume of the workspace."""
         sampling, resolution, _ = self.errors
+        share, error = float(np.mean(self.shares)), self.error
+        if not np.isfinite(share) or not np.isfinite(error):
+            # A lattice missed the workspace: nothing is known of it.
+            share, error, sampling, resolution = 0.0, 1.0, 0.5, 0.0
         removed = max(sum(c.removed for c in self.counts), 1e-300)
         violated = np.sum([c.violated for c in self.counts], axis=0) / removed
         alone = np.sum([c.alone for c in self.counts], axis=0) / removed
         binding = [k for k in range(len(self.names)) if violated[k] > 0]
         return FreeVolume(
-            volume=workspace * float(np.mean(self.shares)),
-            error=workspace * self.error,
+            volume=workspace * share,
+            error=workspace * error,
             sampling=workspace * sampling,
             resolution=workspace * resolution,
             workspace=workspace,
@@ -105,6 +109,11 @@ class Found:
             unit=unit,
             request=request,
         )
+
+
+def nothing(branch: str, unit: str, request: dict[str, Any]) -> FreeVolume:
+    """Returns the result for strokes that reach nothing: it is exact, and no column stands."""
+    return FreeVolume(0.0, 0.0, 0.0, 0.0, 0.0, {}, {}, True, 0, 0, branch, unit, request)
 
 
 def measured(

@@ -12,11 +12,11 @@ import numpy as np
 from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
-from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.mechanism import Mechanism, concrete_reals
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_single
 from jaxkin.mapping._orientation_ball import largest_rotation_ball
-from jaxkin.mapping._orientation_factors import affine_factors, affine_margins
+from jaxkin.mapping._orientation_factors import affine_factors, affine_margins, checked_concrete, checked_tolerance
 from jaxkin.mapping._orientation_records import (
     CHART,
     OrientationAspect,
@@ -48,6 +48,8 @@ _SAMPLES = 1 << 13
 _DEEPER = 12
 #: Shorter arcs of a fibre are rounding, and tell no neighbour.
 _ARC = 1e-6
+#: Tiles a side into which the chart is cut, until no region slips between the nodes.
+_TILES = (1, 4, 12)
 #: A margin that stays this far above zero, over the sizes in it, binds nowhere.
 _CLEAR = 1e-12
 
@@ -69,7 +71,7 @@ def orientation_aspects(robot: Mechanism, tolerance: float = 1e-9) -> Orientatio
         The classes that have rotations, all signs positive first; for the 3-PPPS in the order of ``forward_labels``.
 
     Raises:
-        InputError: Not one such mechanism.
+        InputError: Not one such mechanism, or a tolerance that is not positive.
 
     References:
         Chablat, Baron, Jha and Rolland 2018, section 4: the home aspect in the chart X-Y-Z. Shares, volumes, the other
@@ -77,6 +79,7 @@ def orientation_aspects(robot: Mechanism, tolerance: float = 1e-9) -> Orientatio
     """
     who = "jk.orientation_aspects"
     checked_single(who, robot)
+    tolerance = checked_tolerance(who, tolerance, 1e-9)
     names, factors = affine_factors(who, robot)
     samples = haar.random_rotations(_SAMPLES)
     positive = factors(samples) > 0
@@ -125,12 +128,16 @@ def reachable_share(
         tolerance: Of the shares, and of the volume in units of 8 pi^2.
 
     Raises:
-        InputError: Not such a mechanism, an unknown label, or a position that is not three finite numbers.
+        InputError: Not such a mechanism, an unknown label, a position that is not three finite numbers or is traced,
+            or a tolerance that is not positive.
     """
     who = "jk.reachable_share"
     checked_single(who, robot)
+    checked_concrete(who, position=position)
+    tolerance = checked_tolerance(who, tolerance, 1e-5)
     names, factors = affine_factors(who, robot)
-    place = np.asarray(position, float)
+    reals = concrete_reals(position)
+    place = np.full(0, np.nan) if reals is None else reals
     if place.shape != (len(robot.pose_axes) - 3,) or not np.isfinite(place).all():
         wanted = ", ".join(axis.name for axis in robot.pose_axes[:-3])
         raise InputError(f"{who}: position is {position!r}; it must be finite numbers ({wanted}).")
@@ -151,7 +158,7 @@ def reachable_share(
         return np.concatenate([(inside & limits.all(axis=0))[None], inside[None], inside & ~limits])
 
     shares = haar.haar_shares(functions, indicator, tolerance=tolerance)
-    volume = _chart_shares(functions, lambda positive: indicator(positive)[:1], tolerance * 8 * math.pi**2)
+    volume, volume_error = _chart_volume(functions, lambda positive: indicator(positive)[:1], tolerance, shares)
     forbidden = {margin_names[k]: float(value) for k, value in zip(binds, shares.value[2:], strict=True) if value > 0}
     return ReachableShare(
         position=place,
@@ -159,8 +166,8 @@ def reachable_share(
         share=float(shares.value[0]),
         share_error=float(shares.error[0]),
         aspect_share=float(shares.value[1]),
-        volume=float(volume.value[0]),
-        volume_error=float(volume.error[0]),
+        volume=volume,
+        volume_error=volume_error,
         binding=dict(sorted(forbidden.items(), key=lambda entry: -entry[1])),
     )
 
@@ -172,7 +179,7 @@ def _label(names: tuple[str, ...], signs: tuple[int, ...]) -> str:
 def _signs(names: tuple[str, ...], label: str) -> tuple[int, ...]:
     known = {_label(names, signs): signs for signs in _every(len(names))}
     home = next(iter(known.values()))
-    if label != "home" and label not in known:
+    if not isinstance(label, str) or (label != "home" and label not in known):
         raise InputError(
             f"label is {label!r}: the aspects are 'home', {', '.join(map(repr, known))}; give one of them."
         )
@@ -189,7 +196,26 @@ def _matching(positive: np.ndarray, signs: tuple[int, ...]) -> np.ndarray:
     return (positive == wanted).all(axis=0)
 
 
-def _chart_shares(functions: haar.Affine, indicator: haar.Indicator, tolerance: float) -> haar.Shares:
+def _chart_volume(
+    functions: haar.Affine, indicator: haar.Indicator, tolerance: float, shares: haar.Shares
+) -> tuple[float, float]:
+    """Returns the volume in the chart X-Y-Z and its error, of a region whose share is known.
+
+    The chart's density is 8 pi^2 / cos(theta) of the share's, so that no volume is less than 8 pi^2 times the share: a
+    slender region that slips between the nodes shows, and is sought with finer ones.
+    """
+    turn = 8 * math.pi**2
+    least = turn * float(shares.value[0] - 2 * shares.error[0])
+    value = error = 0.0
+    for tiles in _TILES:
+        found = _chart_shares(functions, indicator, tolerance * turn, tiles)
+        value, error = float(found.value[0]), float(found.error[0])
+        if value + error >= least:
+            break
+    return value, max(error, least - value)
+
+
+def _chart_shares(functions: haar.Affine, indicator: haar.Indicator, tolerance: float, tiles: int = 1) -> haar.Shares:
     """Integrates over the chart X-Y-Z: the columns over (phi, theta) are the fibres of turns about z."""
 
     def frames(phi: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -197,10 +223,14 @@ def _chart_shares(functions: haar.Affine, indicator: haar.Indicator, tolerance: 
         rows = ((ct, zero, st), (sp * st, cp, -sp * ct), (-cp * st, sp, cp * ct))
         return np.moveaxis(np.array(rows), -1, 0)
 
-    right = math.pi / 2
-    return haar.square_shares(
-        functions, indicator, frames, (-2 * right, 2 * right), (-right, right), tolerance=tolerance
-    )
+    phis, thetas = np.linspace(-math.pi, math.pi, tiles + 1), np.linspace(-math.pi / 2, math.pi / 2, tiles + 1)
+    parts = [
+        haar.square_shares(functions, indicator, frames, phi, theta, tolerance=tolerance / tiles**2)
+        for phi in itertools.pairwise(phis.tolist())
+        for theta in itertools.pairwise(thetas.tolist())
+    ]
+    total = haar.Shares(*(sum(part[k] for part in parts) for k in range(3)))  # type: ignore[arg-type]
+    return total
 
 
 def _deepest(factors: haar.Affine, samples: np.ndarray) -> np.ndarray:

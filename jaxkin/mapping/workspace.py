@@ -17,6 +17,7 @@ from jaxkin.core.provenance import identity
 from jaxkin.core.tracing import is_traced
 from jaxkin.kinematics.boundary import checked_mechanism, checked_single
 from jaxkin.mapping import _workspace_columns, _workspace_mesh
+from jaxkin.mapping._orientation_factors import checked_tolerance, checked_whole
 from jaxkin.mapping._workspace_records import FreeVolume, Volume, WorkspaceSurfaces
 from jaxkin.numerics import spheres
 from jaxkin.numerics.spheres import Shells
@@ -126,19 +127,21 @@ def free_volume(
 
     Returns:
         The volume, with ``converged`` False where the tolerance was not reached; what the conditions remove, by name.
+        Where the strokes reach nothing, volume, error and share are 0. Where every lattice misses a workspace that is
+        too thin, the volume is 0 with the whole workspace as its error, and not converged.
 
     Raises:
         PrecisionError: float64 is not enabled.
-        InputError: As for ``workspace_volume``; traced, or a tolerance or number of columns that is not positive.
+        InputError: As for ``workspace_volume``; traced, a tolerance or number of columns that is not positive, or a
+            seed that is no whole number.
         GeometryError: As for ``workspace_volume``.
     """
     who = "jk.free_volume"
     sign = _checked_branch(who, branch)
     shells, plane = _checked_concrete(who, robot)
-    if not 0 < tolerance < 1:
-        raise InputError(f"{who}: tolerance is {tolerance!r}: it must be between 0 and 1, for instance 1e-3.")
-    if not isinstance(most_columns, int) or most_columns < 1:
-        raise InputError(f"{who}: most_columns is {most_columns!r}: it must be a positive whole number.")
+    tolerance = checked_tolerance(who, tolerance, 1e-3, below=1.0)
+    seed = checked_whole(who, "seed", seed, 0, 0)
+    most_columns = checked_whole(who, "most_columns", most_columns, 1, 1 << 17)
     if robot.inverse_kernel is None:
         raise InputError(f"{who}: {type(robot).__name__} has no closed inverse kinematics: give it an inverse_kernel.")
     request = {
@@ -149,8 +152,11 @@ def free_volume(
         "most_columns": most_columns,
         "result": "free_volume",
     }
+    workspace, unit = float(_volume(robot, branch).volume), robot.pose_axes[0].unit
+    if workspace == 0:
+        return _workspace_columns.nothing(branch, unit, request)
     found = _workspace_columns.measured(robot, shells, plane, sign, tolerance, seed, most_columns)
-    return found.record(float(_volume(robot, branch).volume), tolerance, branch, robot.pose_axes[0].unit, request)
+    return found.record(workspace, tolerance, branch, unit, request)
 
 
 @partial(jax.jit, static_argnames="branch")
@@ -181,7 +187,7 @@ def _volume(robot: Mechanism, branch: str) -> Volume:
 
 
 def _checked_branch(who: str, branch: str) -> float:
-    if branch in BRANCHES:
+    if isinstance(branch, str) and branch in BRANCHES:
         return BRANCHES[branch]
     close = difflib.get_close_matches(str(branch), BRANCHES, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else "."

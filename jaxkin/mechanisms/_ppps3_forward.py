@@ -28,13 +28,13 @@ from jaxkin.core.mechanism import Count
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.rotations import xyz_from_matrix
-from jaxkin.numerics.small_linalg import Matrix3
+from jaxkin.numerics.small_linalg import Matrix3, two_sum
 
 #: Signs of (R22, R33) lane by lane.
 SIGNS = ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0))
 #: R33^2 = a below which the poses +-R33 are closer than the tolerance, and one double pose.
 _BLUR = (TOLERANCES.double_angle / 2) ** 2
-#: Rounding of a and b: sums of three terms that are at most one.
+#: Change of a and b by the rounding of the joints themselves: sums of three terms that are at most one.
 _ROUNDING = 4 * float(jnp.finfo(jnp.float64).eps)
 _SQRT3 = math.sqrt(3.0)
 
@@ -50,7 +50,7 @@ class Known(NamedTuple):
         a: R33^2, zero within its blur; negative where no pose is.
         b: R22^2, likewise.
         self_motion: The platform is vertical and turns freely.
-        close: a, b or c is within ten times its blur of zero: rounding could change the number of poses.
+        close: a, b or c is so near zero that rounding of the joints could change the number of poses.
     """
 
     r12: Array
@@ -66,17 +66,21 @@ class Known(NamedTuple):
 def known(side: Array, mirror: float, joints: tuple[Array, ...]) -> Known:
     """Returns the entries of the rotation that the joints determine, and the two feasibility tests."""
     _, z1, y2, z2, y3, z3 = joints
-    m2, m3 = z2 - z1, z3 - z1
+    # Near a self-motion everything hangs on small differences of the joints as they are stored: no digit is lost here.
+    apart, rest = two_sum(z3, -z2)
+    (m2, less2), (m3, less3) = two_sum(z2, -z1), two_sum(z3, -z1)
+    both, less = two_sum(m2, m3)
     r12 = mirror * (y3 + y2) / side
-    r31 = -(m2 + m3) / (_SQRT3 * side)
-    r32 = mirror * (m3 - m2) / side
-    # As a product: c keeps its digits where R32 is nearly +-1.
-    c = (1 - r32) * (1 + r32)
-    blur = jnp.maximum(_BLUR * jnp.abs(c), _ROUNDING)
+    r31 = -(both + (less + less2 + less3)) / (_SQRT3 * side)
+    r32 = mirror * apart / side
+    gap = (side - jnp.abs(apart)) - jnp.where(apart < 0, -rest, rest)
+    c = gap * (side + jnp.abs(apart)) / (side * side)
+    blur = _BLUR * jnp.abs(c)
+    doubt = 10 * jnp.maximum(blur, _ROUNDING)
     a, b = c - r31 * r31, c - r12 * r12
     self_motion = (jnp.abs(c) <= _BLUR) & (jnp.abs(a) <= 2 * _BLUR) & (jnp.abs(b) <= 2 * _BLUR)
     near_a, near_b = jnp.abs(a), jnp.abs(b)
-    close = ((near_a > blur) & (near_a <= 10 * blur)) | ((near_b > blur) & (near_b <= 10 * blur))
+    close = ((near_a > blur) & (near_a <= doubt)) | ((near_b > blur) & (near_b <= doubt))
     close = close | (jnp.abs(c) <= 10 * _BLUR)
     return Known(
         r12,
@@ -86,7 +90,7 @@ def known(side: Array, mirror: float, joints: tuple[Array, ...]) -> Known:
         jnp.where(near_a <= blur, 0.0, a),
         jnp.where(near_b <= blur, 0.0, b),
         self_motion,
-        close & (a > -10 * blur) & (b > -10 * blur),
+        close & (a > -doubt) & (b > -doubt),
     )
 
 

@@ -10,15 +10,25 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
+from jaxkin.core.mechanism import as_reals
 from jaxkin.core.tracing import is_traced
 from jaxkin.numerics import rotations
 
 
 def checked_pose_vector(what: str, value: ArrayLike) -> Array:
     """Returns six numbers as an array, or says what is wrong with them."""
-    array = jnp.asarray(value, float)
+    array = as_reals(value)
+    if array is None:
+        raise InputError(f"The {what} is {value!r}: it must be six real numbers, shape (6,); for a batch use jax.vmap.")
     if array.shape != (6,):
         raise InputError(f"The shape of the {what} is {array.shape}: it must be (6,); for a batch use jax.vmap.")
+    return array
+
+
+def _reals(what: str, value: ArrayLike) -> Array:
+    array = as_reals(value)
+    if array is None:
+        raise InputError(f"The {what} is {value!r}: it must be real numbers, without text, None or gaps.")
     return array
 
 
@@ -44,10 +54,10 @@ def pose_from_rotation(position: ArrayLike, rotation: ArrayLike) -> Array:
     Safe at gimbal lock, where sigma = 0 (the 3-PPPS is singular there).
 
     Raises:
-        InputError: Wrong shapes, or not a rotation: R^T R is not the identity, or it is a reflection (not checked under
-            tracing).
+        InputError: No numbers, wrong shapes, or not a rotation: R^T R is not the identity, or it is a reflection
+            (not checked under tracing).
     """
-    position, matrix = jnp.asarray(position, float), jnp.asarray(rotation, float)
+    position, matrix = _reals("position", position), _reals("rotation", rotation)
     if position.shape != (3,) or matrix.shape != (3, 3):
         raise InputError(
             f"The position has shape {position.shape} and the rotation {matrix.shape}: they must be (3,) and (3, 3); "
@@ -65,9 +75,9 @@ def pose_from_quaternion(position: ArrayLike, quaternion: ArrayLike) -> Array:
     """Returns the pose ``(6,)`` of a position and a quaternion ``(4,)`` (w, x, y, z), which is normalised.
 
     Raises:
-        InputError: Wrong shapes, or a quaternion that is not finite or zero (not checked under tracing).
+        InputError: No numbers, wrong shapes, or a quaternion that is not finite or zero (not checked under tracing).
     """
-    position, q = jnp.asarray(position, float), jnp.asarray(quaternion, float)
+    position, q = _reals("position", position), _reals("quaternion", quaternion)
     if position.shape != (3,) or q.shape != (4,):
         raise InputError(
             f"The position has shape {position.shape} and the quaternion {q.shape}: they must be (3,) and (4,), "

@@ -46,6 +46,8 @@ from jax import Array
 from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
+from jaxkin.core.mechanism import as_reals, concrete_reals
+from jaxkin.mechanisms._geometry import checked_kind, checked_numbers
 from jaxkin.numerics import rotations, segments
 from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.rotations import direction_angle
@@ -175,12 +177,14 @@ def wrists(robot: "TLPM", pose: tuple[Array, ...]) -> tuple[Wrist, Wrist, Wrist]
     found = []
     for k, (axes, elbow) in enumerate(zip(_axes(robot, pose), robot.elbows, strict=True)):
         p = (pose[0], pose[1], pose[2])
-        one = jnp.ones_like(axes.z1[0])
+        none = nowhere(p)
+        one = jnp.ones_like(axes.z1[0]) + none
         begin, joint, end = (
             _combined(one, p, length, z) for length, z in zip((robot.b, robot.r1, robot.r2), axes[:3], strict=True)
         )
-        theta1, theta2 = elbow * _theta1(axes), direction_angle(*axes.theta2)
-        found.append(Wrist(theta1, theta2, _psi(axes, cos[..., k], sin[..., k]), (begin, joint), (joint, end)))
+        theta1, theta2 = elbow * _theta1(axes) + none, direction_angle(*axes.theta2) + none
+        psi = _psi(axes, cos[..., k], sin[..., k]) + none
+        found.append(Wrist(theta1, theta2, psi, (begin, joint), (joint, end)))
     return tuple(found)
 
 
@@ -223,7 +227,7 @@ def clearances(robot: "TLPM", pose: tuple[Array, ...], overhang: ArrayLike = 0.0
     References:
         Fu and Gao, section 5, have these three kinds of pairs, the last with "i = 1, 2, 3" only, and D > sqrt(a).
     """
-    return _clearances(robot, _axes(robot, pose), overhang)
+    return _marked(_clearances(robot, _axes(robot, pose), overhang), pose)
 
 
 def _bound(robot: "TLPM") -> Array:
@@ -267,7 +271,7 @@ def angle_margins(robot: "TLPM", pose: tuple[Array, ...]) -> dict[str, Array]:
     [-5 pi/12, 19 pi/12). So "below pi" is passed continuously, and the smaller of both margins is continuous all round.
     e theta_i1 is in [0, pi]: it may reach an upper limit of pi, and not pass it.
     """
-    return _all_angle_margins(robot, _axes(robot, pose))
+    return _marked(_all_angle_margins(robot, _axes(robot, pose)), pose)
 
 
 def _all_angle_margins(robot: "TLPM", limbs: list[_Axes]) -> dict[str, Array]:
@@ -297,7 +301,13 @@ def margins(robot: "TLPM", pose: tuple[Array, ...]) -> dict[str, Array]:
     See ``angle_margins`` and ``clearances``.
     """
     limbs = _axes(robot, pose)
-    return _all_angle_margins(robot, limbs) | _clearances(robot, limbs, 0.0)
+    return _marked(_all_angle_margins(robot, limbs) | _clearances(robot, limbs, 0.0), pose)
+
+
+def _marked(values: dict[str, Array], pose: tuple[Array, ...]) -> dict[str, Array]:
+    """Makes all values NaN where the pose is not finite."""
+    none = nowhere(pose)
+    return {name: value + none for name, value in values.items()}
 
 
 class WristAngles(NamedTuple):
@@ -330,16 +340,19 @@ class ElbowModes(NamedTuple):
     free: Array
 
 
-def _point(pose: ArrayLike) -> tuple[Array, Array, Array]:
-    array = jnp.asarray(pose, float)
-    if array.shape != (3,):
-        raise InputError(
-            f"The pose has shape {array.shape}: it must be (3,), x, y and z of p in mm; for many poses use jax.vmap."
-        )
-    return array[0], array[1], array[2]
+def checked_point(who: str, robot: "TLPM", pose: ArrayLike) -> Array:
+    """Returns the pose as three numbers, or says what is wrong with it or with the robot."""
+    from jaxkin.mechanisms.tlpm import TLPM
+
+    checked_kind(f"jk.mechanisms.tlpm.{who}", robot, TLPM, "TLPM, made with jk.mechanisms.tlpm.create()")
+    return checked_numbers("pose", pose, (3,), "x, y and z of p in mm")
 
 
-@jax.jit
+def nowhere(pose: tuple[Array, ...]) -> Array:
+    """Returns 0, and NaN at a pose that is not finite, which the guards against division by zero would hide."""
+    return (pose[0] + pose[1] + pose[2]) * 0.0
+
+
 def wrist_angles(robot: "TLPM", pose: ArrayLike) -> WristAngles:
     """Returns theta_i1, theta_i2 and psi_i of the three limbs for ``robot.orientation``, rad [ours].
 
@@ -352,9 +365,14 @@ def wrist_angles(robot: "TLPM", pose: ArrayLike) -> WristAngles:
         pose: ``(3,)``, mm.
 
     Raises:
-        InputError: The pose has another shape.
+        InputError: The robot is no TLPM, or the pose is not three numbers.
     """
-    one, two, three = wrists(robot, _point(pose))
+    return _wrist_angles(robot, checked_point("wrist_angles", robot, pose))
+
+
+@jax.jit
+def _wrist_angles(robot: "TLPM", pose: Array) -> WristAngles:
+    one, two, three = wrists(robot, tuple(pose))
     return WristAngles(
         jnp.stack([one.theta1, two.theta1, three.theta1]),
         jnp.stack([one.theta2, two.theta2, three.theta2]),
@@ -362,23 +380,40 @@ def wrist_angles(robot: "TLPM", pose: ArrayLike) -> WristAngles:
     )
 
 
-@jax.jit
 def links(robot: "TLPM", pose: ArrayLike) -> Array:
     """Returns the ends of the links' axes, ``(6, 2, 3)``, mm, in the order L12, L22, L32, L13, L23, L33 [ours].
 
     L_i2 runs from the axis of limb i to its R1 axis, and L_i3 from there to the R2 axis, which the platform carries.
 
     Raises:
-        InputError: The pose has another shape than (3,).
+        InputError: The robot is no TLPM, or the pose is not three numbers.
     """
-    found = wrists(robot, _point(pose))
+    return _links(robot, checked_point("links", robot, pose))
+
+
+@jax.jit
+def _links(robot: "TLPM", pose: Array) -> Array:
+    found = wrists(robot, tuple(pose))
     axes = [wrist.link2 for wrist in found] + [wrist.link3 for wrist in found]
     return jnp.stack([jnp.stack([jnp.stack(end) for end in link]) for link in axes])
 
 
 @jax.jit
-def _stacked_clearances(robot: "TLPM", pose: ArrayLike, overhang: ArrayLike) -> Array:
-    return jnp.stack(list(clearances(robot, _point(pose), overhang).values()))
+def _stacked_clearances(robot: "TLPM", pose: Array, overhang: Array) -> Array:
+    return jnp.stack(list(clearances(robot, tuple(pose), overhang).values()))
+
+
+def _checked_overhang(overhang: ArrayLike) -> Array:
+    length = as_reals(overhang)
+    if length is None or length.shape != ():
+        raise InputError(f"The overhang is {overhang!r}: it must be one length in mm; for many use jax.vmap.")
+    known = concrete_reals(overhang)
+    if known is not None and not 0 <= float(known) < math.inf:
+        raise InputError(
+            f"The overhang is {float(known):g} mm: it must be finite and not negative, as with shorter links a "
+            "positive clearance would not exclude contact; give 0 or a / 2, say."
+        )
+    return length
 
 
 def link_clearances(robot: "TLPM", pose: ArrayLike, overhang: ArrayLike = 0.0) -> dict[str, Array]:
@@ -390,18 +425,19 @@ def link_clearances(robot: "TLPM", pose: ArrayLike, overhang: ArrayLike = 0.0) -
     Args:
         robot: The robot.
         pose: ``(3,)``, mm.
-        overhang: How far the links' bodies run on beyond the ends of their axes, mm; a / 2 for instance.
+        overhang: How far the links' bodies run on beyond the ends of their axes, mm, not negative; a / 2 for instance.
 
     Returns:
         Twelve scalars, from "L12-L22" to "L32-L23"; the first digit is the limb's.
 
     Raises:
-        InputError: The pose has another shape.
+        InputError: The robot is no TLPM, the pose is not three numbers, or the overhang is no length or negative (its
+            sign is not checked under tracing).
     """
-    return dict(zip(CLEARANCE_NAMES, _stacked_clearances(robot, pose, overhang), strict=True))
+    point = checked_point("link_clearances", robot, pose)
+    return dict(zip(CLEARANCE_NAMES, _stacked_clearances(robot, point, _checked_overhang(overhang)), strict=True))
 
 
-@jax.jit
 def elbow_modes(robot: "TLPM", pose: ArrayLike) -> ElbowModes:
     """Returns the smallest angle margin and the smallest clearance for all eight choices of elbows [ours].
 
@@ -409,9 +445,14 @@ def elbow_modes(robot: "TLPM", pose: ArrayLike) -> ElbowModes:
     singular; the limits exclude that, so the choice is made in assembly.
 
     Raises:
-        InputError: The pose has another shape than (3,).
+        InputError: The robot is no TLPM, or the pose is not three numbers.
     """
-    point = _point(pose)
+    return _elbow_modes(robot, checked_point("elbow_modes", robot, pose))
+
+
+@jax.jit
+def _elbow_modes(robot: "TLPM", pose: Array) -> ElbowModes:
+    point = tuple(pose)
     angles: dict[int, list[Array]] = {}
     axes: dict[int, list[Points]] = {}
     for elbow in (1, -1):
@@ -422,9 +463,9 @@ def elbow_modes(robot: "TLPM", pose: ArrayLike) -> ElbowModes:
     pairs = [(i, j, e, f) for (i, j), e, f in itertools.product(_PAIRS, (1, -1), (1, -1))]
     apart = _distances([(axes[e][i], axes[f][j]) for i, j, e, f in pairs])
     distances = dict(zip(pairs, apart, strict=True))
-    angle = jnp.stack([_least(angles[e][k] for k, e in enumerate(signs)) for signs in ELBOW_MODES])
+    angle = jnp.stack([_least(angles[e][k] for k, e in enumerate(signs)) for signs in ELBOW_MODES]) + nowhere(point)
     closest = [_least(distances[i, j, signs[i % 3], signs[j % 3]] for i, j in _PAIRS) for signs in ELBOW_MODES]
-    clearance = jnp.stack(closest) - _bound(robot)
+    clearance = jnp.stack(closest) - _bound(robot) + nowhere(point)
     return ElbowModes(jnp.asarray(ELBOW_MODES), angle, clearance, (angle > 0) & (clearance > 0))
 
 

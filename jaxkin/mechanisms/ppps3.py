@@ -28,10 +28,10 @@ from jax.typing import ArrayLike
 from jaxkin.core.bodies import Body
 from jaxkin.core.branches import Lane
 from jaxkin.core.errors import GeometryError, InputError, Status
-from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, mechanism
+from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, angle, as_reals, concrete_reals, mechanism
 from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _ppps3_bodies, _ppps3_forward
-from jaxkin.mechanisms._geometry import batch_limits, leaves
+from jaxkin.mechanisms._geometry import batch_limits, checked_kind, checked_numbers, leaves
 from jaxkin.mechanisms._spatial_poses import (
     checked_pose_vector,
     pose_from_quaternion,
@@ -45,6 +45,7 @@ from jaxkin.numerics.small_linalg import Matrix3
 
 _SQRT3 = math.sqrt(3.0)
 PASSIVE = ("rho1x", "rho2x", "rho3x")
+_ACTUATED = ("rho1y", "rho1z", "rho2y", "rho2z", "rho3y", "rho3z")
 #: Squares of larger joints could overflow, as in ``jk.forward``.
 _LARGEST = 1e60
 
@@ -72,7 +73,7 @@ class PPPS3(Mechanism):
         Axis("theta", "rad", -math.pi / 2, math.pi / 2),
         angle("sigma"),
     )
-    joint_axes = tuple(Axis(name, "length") for name in ("rho1y", "rho1z", "rho2y", "rho2z", "rho3y", "rho3z"))
+    joint_axes = tuple(Axis(name, "length") for name in _ACTUATED)
     max_branches = 4
     forward_block: ClassVar[int] = 1 << 12
     covered: ClassVar[tuple[str, ...]] = ("theta",)
@@ -184,7 +185,7 @@ class PPPS3(Mechanism):
 
     def bodies(self, pose: ArrayLike) -> tuple[Body, ...]:
         """Returns what the robot looks like in one pose: base, legs, platform and their joints."""
-        return _ppps3_bodies.bodies(self, pose)
+        return _ppps3_bodies.bodies(self, checked_numbers("pose", pose, (6,), "one pose (x, y, z, phi, theta, sigma)"))
 
     def limit_fields(self) -> dict[str, tuple[str, ...]]:
         """Returns the fields of limits: actuated joints and passive ones."""
@@ -218,7 +219,8 @@ def create(
         passive_limits: Limits of rho1x, rho2x, rho3x, measured from O as in Eq. (3); none by default.
 
     Raises:
-        GeometryError: A value is not finite, a size is not positive, or limits are the wrong way round.
+        GeometryError: A value is no finite number, a size is not positive, limits are the wrong way round, or
+            ``mirrored`` is neither True nor False (nor 1 nor 0).
 
     Arrays of one shape make a batch of robots for ``jax.vmap``. Traceable: under ``jit``, ``vmap`` and
     ``grad`` nothing is checked, and a bad geometry shows as the status INVALID_GEOMETRY.
@@ -226,16 +228,27 @@ def create(
     values = leaves(side=side, base_radius=base_radius)
     robot = PPPS3(
         **values,
-        limits=batch_limits("limits", Limits.none(6) if limits is None else limits, 6, values["side"]),
+        limits=batch_limits("limits", Limits.none(6) if limits is None else limits, 6, values["side"], _ACTUATED),
         passive_limits=batch_limits(
-            "passive_limits", Limits.none(3) if passive_limits is None else passive_limits, 3, values["side"]
+            "passive_limits", Limits.none(3) if passive_limits is None else passive_limits, 3, values["side"], PASSIVE
         ),
-        mirrored=bool(mirrored),
+        mirrored=_checked_mirrored(mirrored),
     )
     if not any(map(is_traced, values.values())) and not np.all(robot.geometry_ok()):
         name, value = ("base_radius", base_radius) if np.all(values["side"] > 0) else ("side", side)
         raise GeometryError(f"{name} is {value}: it must be positive; give the length.")
     return robot
+
+
+def _checked_mirrored(mirrored: bool) -> bool:
+    number = concrete_reals(mirrored)
+    if number is None or number.shape != () or float(number) not in (0.0, 1.0):
+        raise GeometryError(f"mirrored is {mirrored!r}: it must be True or False (or 1 or 0), and not traced.")
+    return bool(number)
+
+
+def _checked_robot(who: str, robot: PPPS3) -> None:
+    checked_kind(f"jk.mechanisms.ppps3.{who}", robot, PPPS3, "3-PPPS, made with jk.mechanisms.ppps3.create()")
 
 
 def _passive(robot: PPPS3, pose: tuple[Array, ...]) -> tuple[Array, Array, Array]:
@@ -245,13 +258,17 @@ def _passive(robot: PPPS3, pose: tuple[Array, ...]) -> tuple[Array, Array, Array
     return x, y - long - short, long - short - y
 
 
-@jax.jit
 def passive_joints(robot: PPPS3, pose: ArrayLike) -> Array:
     """Returns rho1x, rho2x, rho3x at a pose, ``(3,)``, lengths from O.
 
     rho1x = x, rho2x = y of W2, rho3x = -y of W3 [our completion: the paper leaves them out].
     """
-    pose = checked_pose_vector("pose", pose)
+    _checked_robot("passive_joints", robot)
+    return _passive_joints(robot, checked_pose_vector("pose", pose))
+
+
+@jax.jit
+def _passive_joints(robot: PPPS3, pose: Array) -> Array:
     return jnp.stack(_passive(robot, tuple(pose[k] for k in range(6))))
 
 
@@ -277,7 +294,9 @@ def reduced_joints(joints: ArrayLike) -> Array:
     References:
         Chablat et al. 2018, Eqs. (13)-(14); printed mu3y = rho3y - rho2y has the sign of an older convention.
     """
-    q = jnp.asarray(joints, float)
+    q = as_reals(joints)
+    if q is None:
+        raise InputError(f"The joints are {joints!r}: they must be real numbers of shape (6,), or (..., 6).")
     if q.shape[-1:] != (6,):
         raise InputError(f"The joints have shape {q.shape}: they must be (6,), or (..., 6).")
     return jnp.stack([q[..., 3] - q[..., 1], q[..., 4] + q[..., 2], q[..., 5] - q[..., 1]], axis=-1)
@@ -292,6 +311,7 @@ def reduced(robot: PPPS3, pose: ArrayLike, joints: ArrayLike) -> Reduced:
         Chablat et al. 2018, Eqs. (12)-(15). Printed with other signs: mu1x = rho1x - rho2y, mu3x = rho3x + rho2y,
         x' = x - rho2y. They assume C2x = +rho2y, which is -rho2y in (3), (8) and (21).
     """
+    _checked_robot("reduced", robot)
     pose, q = checked_pose_vector("pose", pose), checked_pose_vector("joints", joints)
     p1, p2, p3 = passive_joints(robot, pose)
     y1, z1, y2 = q[0], q[1], q[2]
@@ -302,13 +322,18 @@ def reduced(robot: PPPS3, pose: ArrayLike, joints: ArrayLike) -> Reduced:
     )
 
 
-@jax.jit
 def twist_jacobian(robot: PPPS3, pose: ArrayLike) -> Array:
     """Returns J with d(joints)/dt = J (v, omega), ``(6, 6)``: v the velocity of C1, omega the spatial angular velocity.
 
     A polynomial of the rotation's entries: there is no serial singularity. det J = (sqrt3 / 2) s^3 R22 R33 is free of
     the Euler angles' own singularity; its rows are lengths per radian on the right half [our completion].
     """
+    _checked_robot("twist_jacobian", robot)
+    return _twist_jacobian(robot, checked_pose_vector("pose", pose))
+
+
+@jax.jit
+def _twist_jacobian(robot: PPPS3, pose: Array) -> Array:
     _, matrix = position_and_rotation(pose)
     long, short = robot.side * (_SQRT3 / 2), robot.side * (robot.mirror / 2)
     rows = []
@@ -331,7 +356,11 @@ def self_motion(robot: PPPS3, joints: ArrayLike, turn: ArrayLike) -> Array:
     Raises:
         InputError: The joints have no self-motion (not checked under tracing).
     """
-    q, turn = checked_pose_vector("joints", joints), jnp.asarray(turn, float)
+    _checked_robot("self_motion", robot)
+    q, given = checked_pose_vector("joints", joints), as_reals(turn)
+    if given is None:
+        raise InputError(f"The turn is {turn!r}: it must be one angle, a number in rad.")
+    turn = given
     if turn.shape != ():
         raise InputError(f"The turn has shape {turn.shape}: it must be one angle; for many use jax.vmap.")
     found = _ppps3_forward.known(robot.side, robot.mirror, tuple(q[k] for k in range(6)))

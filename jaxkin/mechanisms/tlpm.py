@@ -30,12 +30,12 @@ from jax.typing import ArrayLike
 
 from jaxkin.core.bodies import Body
 from jaxkin.core.branches import Lane
-from jaxkin.core.errors import GeometryError, InputError, Status
-from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, mechanism
+from jaxkin.core.errors import GeometryError, Status
+from jaxkin.core.mechanism import Axis, Count, Limits, Mechanism, as_reals, mechanism, plain
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _tlpm_bodies, _tlpm_wrist
-from jaxkin.mechanisms._geometry import batch_limits, leaves, vector_leaf
+from jaxkin.mechanisms._geometry import batch_limits, checked_numbers, leaves, vector_leaf
 from jaxkin.mechanisms._tlpm_wrist import (
     CLEARANCE_NAMES,
     ELBOW_MODES,
@@ -177,7 +177,9 @@ class TLPM(Mechanism):
         blur = TOLERANCES.double_length**2 * (r1 * r1 + r2 * r2 + r3 * r3 + self.base_radius**2)
         near = jnp.abs(square)
         positive = (r1 > 0) & (r2 > 0) & (r3 > 0)
-        return x, y, jnp.where(near <= blur, 0.0, square), (near > blur) & (near <= 10 * blur), positive
+        # Where two limbs almost coincide x and y are known the worse, and with them the square.
+        doubt = 10 * blur * jnp.maximum(1.0, self.base_radius**2 * jnp.abs(inverse))
+        return x, y, jnp.where(near <= blur, 0.0, square), (near > blur) & (near <= doubt), positive
 
     def forward_kernel(self, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the upper mode z > -h and its mirror image in the base plane (Eqs. (3)-(6), corrected).
@@ -242,7 +244,7 @@ class TLPM(Mechanism):
 
     def bodies(self, pose: ArrayLike) -> tuple[Body, ...]:
         """Returns what the robot looks like in one pose: base, limbs, links of the wrists, and platform, mm."""
-        return _tlpm_bodies.bodies(self, pose)
+        return _tlpm_bodies.bodies(self, checked_numbers("pose", pose, (3,), "x, y and z of p in mm"))
 
     def reach_spheres(self) -> tuple[Shells, Array]:
         """Returns the spheres about q_i between which the strokes hold p, and the z of the plane of the q_i."""
@@ -258,12 +260,14 @@ class TLPM(Mechanism):
         """Returns the distances to the limits of strokes, wrist angles and link distances; negative is a violation.
 
         The twelve link distances less sqrt(2) a are sufficient only: a negative one means "not proven free", not
-        "interfering". See ``jaxkin.mechanisms._tlpm_wrist``.
+        "interfering". See ``jaxkin.mechanisms._tlpm_wrist``. At a pose that is not finite all are NaN.
         """
         margins = super().margins(pose, joints)
         for k in range(3):
             margins[f"length{k + 1}"] = self.initial_lengths[k] + joints[..., k]
-        return margins | _tlpm_wrist.margins(self, tuple(pose[..., k] for k in range(3)))
+        point = tuple(pose[..., k] for k in range(3))
+        nowhere = _tlpm_wrist.nowhere(point)
+        return {name: value + nowhere for name, value in margins.items()} | _tlpm_wrist.margins(self, point)
 
 
 def create(
@@ -314,18 +318,18 @@ def create(
     if initial_lengths is None:
         initial = jnp.sqrt(like**2 + scalars["height"] ** 2)[..., None] * jnp.ones(3)
     else:
-        ends = jnp.asarray(initial_lengths, float)
+        ends = leaves(initial_lengths=initial_lengths)["initial_lengths"]
         initial = vector_leaf("initial_lengths", ends if ends.ndim else jnp.full(3, ends), 3, like)
     wrist = Limits(*jnp.asarray(WRIST_LIMITS).T) if wrist_limits is None else wrist_limits
     robot = TLPM(
         **scalars,
         limb_angles=vector_leaf("limb_angles", limb_angles, 3, like),
         initial_lengths=initial,
-        limits=batch_limits("stroke", _strokes(stroke), 3, like),
+        limits=batch_limits("stroke", _strokes(stroke), 3, like, ("l1", "l2", "l3")),
         platform_angles=vector_leaf(
             "platform_angles", limb_angles if platform_angles is None else platform_angles, 3, like
         ),
-        wrist_limits=batch_limits("wrist_limits", wrist, 2, like),
+        wrist_limits=batch_limits("wrist_limits", wrist, 2, like, ("theta1", "theta2")),
         orientation=vector_leaf("orientation", orientation, 4, like),
         elbows=_checked_elbows(elbows),
     )
@@ -335,10 +339,9 @@ def create(
 
 
 def _strokes(stroke: Numbers) -> Limits:
-    try:
-        values = jnp.asarray(stroke, float)
-    except (TypeError, ValueError) as error:
-        raise GeometryError(f"stroke is {stroke!r}: it must be (low, high), numbers in mm.") from error
+    values = as_reals(stroke)
+    if values is None:
+        raise GeometryError(f"stroke is {stroke!r}: it must be (low, high), numbers in mm.")
     if values.shape not in ((2,), (2, 3)):
         raise GeometryError(
             f"stroke has shape {values.shape}: it must be (low, high), or three low and three high values, mm."
@@ -363,7 +366,13 @@ def _check(robot: TLPM) -> None:
     low, high = np.asarray(robot.limits.low), np.asarray(robot.limits.high)
     if not np.all(low < high):
         raise GeometryError(f"stroke is from {low} to {high}: the interval is empty; give low < high, mm.")
-    shortest = np.min(np.asarray(robot.initial_lengths) + low)
+    initial = np.asarray(robot.initial_lengths)
+    shortest = np.min(initial + low)
+    if not shortest > 0 and not np.all(initial > 0):
+        raise GeometryError(
+            f"initial_lengths is {plain(initial)}, which with a stroke from {np.min(low):g} mm makes a limb "
+            f"{shortest:g} mm long: it must stay longer than zero; give the limbs' lengths at zero stroke."
+        )
     if not shortest > 0:
         raise GeometryError(
             f"stroke begins at {np.min(low):g} mm, which makes a limb {shortest:g} mm long: it must stay longer than "
@@ -377,7 +386,6 @@ def _check(robot: TLPM) -> None:
         )
 
 
-@jax.jit
 def stroke_jacobian(robot: TLPM, pose: ArrayLike) -> Array:
     """Returns dl/dp, ``(3, 3)``: row i is (p - q_i) / |p - q_i|.
 
@@ -389,9 +397,11 @@ def stroke_jacobian(robot: TLPM, pose: ArrayLike) -> Array:
         J_dir v = -dl/dt; here the sign is in the rows, and det has the opposite sign of (12). The text exchanges the
         velocity of the end effector and the joint rates; the denominators of (11) are the roots of its u_i.
     """
-    pose = jnp.asarray(pose, float)
-    if pose.shape != (3,):
-        raise InputError(f"The pose has shape {pose.shape}: it must be (3,); for a batch use jax.vmap.")
+    return _stroke_jacobian(robot, _tlpm_wrist.checked_point("stroke_jacobian", robot, pose))
+
+
+@jax.jit
+def _stroke_jacobian(robot: TLPM, pose: Array) -> Array:
     rows = []
     for qx, qy in robot.base_points():
         away = pose - jnp.stack([qx, qy, -robot.height])

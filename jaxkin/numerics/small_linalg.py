@@ -12,6 +12,13 @@ Vector3: TypeAlias = tuple[Array, Array, Array]
 Matrix3: TypeAlias = tuple[Vector3, Vector3, Vector3]
 
 
+def two_sum(a: Array, b: Array) -> tuple[Array, Array]:
+    """Returns a + b rounded, and the rounding error: together the exact sum (Knuth)."""
+    total = a + b
+    part = total - a
+    return total, (a - (total - part)) + (b - part)
+
+
 def cross(a: Vector3, b: Vector3) -> Vector3:
     """Returns the cross product."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])

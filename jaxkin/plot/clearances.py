@@ -22,7 +22,7 @@ from jaxkin.mechanisms import _tlpm_wrist
 from jaxkin.numerics import segments
 from jaxkin.plot import spatial, style
 from jaxkin.plot.poses import new_or_given
-from jaxkin.plot.wrists import checked, letter, near_wrist
+from jaxkin.plot.wrists import checked, letter, near_wrist, reach_note
 
 if TYPE_CHECKING:
     from jaxkin.mechanisms.tlpm import TLPM
@@ -43,7 +43,8 @@ def interference(robot: "TLPM", pose: ArrayLike, ax: Axes | None = None) -> Axes
     A link has the colour of its smallest clearance D - sqrt(2) a, D being the distance of two links' axes. Below the
     limit it is vermillion, which says "not proven free", not "interfering". Lines join the closest points of up to four
     pairs below the limit, or of the closest pair, and bear the distance. The links' sizes and places are our completion
-    of the paper, and their roll about their axes is the drawing's.
+    of the paper, and their roll about their axes is the drawing's. The title says where the pose is outside the
+    strokes.
 
     Args:
         robot: A TLPM.
@@ -77,7 +78,7 @@ def interference(robot: "TLPM", pose: ArrayLike, ax: Axes | None = None) -> Axes
     for pair in _shown_pairs(clear):
         first, second = (ends[name] for name in pair.split("-"))
         _distance_line(ax, first, second, clear[pair] + limit, below=clear[pair] < 0)
-    title = _title(clear, limit)
+    title = reach_note(robot, p) + _title(clear, limit)
     _finish(ax, title, own, ScalarMappable(norm, colours), any(c < 0 for c in clear.values()), points)
     return ax
 

@@ -1,9 +1,11 @@
 """Maps over one or two free axes."""
 
-from typing import TYPE_CHECKING, Any
+import textwrap
+from typing import Any
 
 import matplotlib.pyplot as plt
 import numpy as np
+import xarray
 from matplotlib.axes import Axes
 from matplotlib.colors import CenteredNorm, ListedColormap, to_rgb
 from matplotlib.legend import Legend
@@ -12,12 +14,8 @@ from matplotlib.patches import Patch
 from scipy import ndimage
 
 from jaxkin.core.errors import InputError
+from jaxkin.mapping.records import Cusps, SingularCurves
 from jaxkin.plot import loci, style
-
-if TYPE_CHECKING:
-    import xarray
-
-    from jaxkin.mapping.records import Cusps, SingularCurves
 
 #: Regions smaller than this share of the picture get no label; the legend still names them.
 _LABEL_SHARE = 0.004
@@ -31,14 +29,16 @@ _HATCHES = (None, "///", "...", "xxx", "---")
 _NONE = "#DDDDDD"
 #: Share of white in the colour of a category outside its margin.
 _PALE = 0.6
+#: A label beside a picture has so many letters in a line.
+_LABEL_WIDTH = 48
 
 
 def section(
-    result: "xarray.Dataset | xarray.DataArray | None",
+    result: xarray.Dataset | xarray.DataArray | None,
     variable: str | None = None,
     ax: Axes | None = None,
-    curves: "SingularCurves | None" = None,
-    cusps: "Cusps | None" = None,
+    curves: SingularCurves | None = None,
+    cusps: Cusps | None = None,
 ) -> Axes:
     """Draws a map over one or two free axes, with the singular curves and cusps of the section.
 
@@ -47,7 +47,7 @@ def section(
     about their zero line, others in viridis. Where the margin that belongs to a category is negative its colour is
     pale, and the line of margin zero is drawn. Curves of closed forms have their names beside them, others stand in the
     legend; virtual parts, whose poses are complex, are thin and dashed. What is outside the map's axes is left out, and
-    not counted.
+    not counted. The title names what the map is a slice of: the fixed axes, and a branch, limit or coordinate.
 
     Args:
         result: What ``jk.sweep`` returned; None draws the curves and cusps alone, over their section.
@@ -60,9 +60,10 @@ def section(
         The Axes, with a legend or colour bar.
 
     Raises:
-        InputError: There are not one or two free axes; there is nothing to draw; curves or cusps are of another
-            section, or over a map of one free axis.
+        InputError: There is no such variable; there are not one or two free axes; there is nothing to draw; an argument
+            is of the wrong kind; curves or cusps are of another section, or over a map of one free axis.
     """
+    _check_kinds(result, curves, cusps)
     given = [record for record in (curves, cusps) if record is not None]
     if result is None and not any(map(len, given)):
         raise InputError(
@@ -83,38 +84,80 @@ def section(
     handles = loci.draw(ax, curves, cusps)
     if handles:
         _add_legend(ax, handles)
-    ax.set_title(", ".join(f"{style.symbol(name)} = {value:g}" for name, value in fixed.items()), fontsize="medium")
+    lines = [style.in_lines(style.value(name, value) for name, value in fixed.items())]
+    lines += [] if data is None else [",  ".join(_slice(data))]
+    ax.set_title("\n".join(line for line in lines if line), fontsize="medium")
     return ax
 
 
-def _chosen(result: "xarray.Dataset | xarray.DataArray", variable: str | None, with_curves: bool) -> "xarray.DataArray":
+def _check_kinds(result: object, curves: object, cusps: object) -> None:
+    maps = "a map, from jk.sweep, or None to draw curves alone"
+    style.check_kind(result, (xarray.Dataset, xarray.DataArray, type(None)), maps)
+    style.check_kind(curves, (SingularCurves, type(None)), "as curves singular curves, from jk.singular_curves")
+    style.check_kind(cusps, (Cusps, type(None)), "as cusps those of a section, from jk.cusps")
+
+
+def _variable(result: xarray.Dataset | xarray.DataArray, name: str | None) -> xarray.DataArray:
+    """Returns a variable by name, the field itself where there is no name."""
+    if isinstance(result, xarray.DataArray):
+        if name not in (None, result.name):
+            raise InputError(f"There is no variable {name!r} in the map of {result.name!r} alone: give the dataset.")
+        return result
+    names = list(map(str, result.data_vars))
+    name = name or result.attrs.get("field") or (names[0] if len(names) == 1 else None)
+    if name not in names:
+        wrong = "Which variable is to be drawn is not said" if name is None else f"There is no variable {name!r}"
+        raise InputError(f"{wrong}: choose one of {', '.join(names)}.")
+    return result[name]
+
+
+def _slice(data: xarray.DataArray) -> list[str]:
+    """Returns what besides numbers was chosen of a map: ``branch: ...``, ``limit: ...``."""
+    chosen = {str(n): c.item() for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind in "iuUOT"}
+    return [f"{style.words(name)}: {style.words(style.greek(str(value)))}" for name, value in chosen.items()]
+
+
+def _remedy(data: xarray.DataArray) -> str:
+    """Returns how to choose a slice of two axes: labels first, then samples."""
+    labelled = {dim: dim in data.coords and data[dim].dtype.kind not in "fiu" for dim in data.dims}
+    order = sorted(data.dims, key=lambda dim: (not labelled[dim], dim != "branch"))
+    many = max(data.ndim - 2, sum(labelled.values()))
+    chosen = (
+        f".sel({dim}={str(data[dim].values[0])!r})" if labelled[dim] else f".isel({dim}=0)" for dim in order[:many]
+    )
+    return "".join(chosen)
+
+
+def _chosen(result: xarray.Dataset | xarray.DataArray, variable: str | None, with_curves: bool) -> xarray.DataArray:
     """Returns the variable to draw, thinned to what a page can show."""
-    whole = variable is None and not hasattr(result, "data_vars")
-    data = (result if whole else result[variable or result.attrs["field"]]).squeeze()
-    if data.ndim not in (1, 2):
+    data = _variable(result, variable).squeeze()
+    if data.ndim == 0:
+        raise InputError(f"The map of {data.name!r} is one sample: a picture needs one or two free axes.")
+    labels = data.ndim == 2 and any(dim in data.coords and data[dim].dtype.kind not in "fiu" for dim in data.dims)
+    if data.ndim > 2 or labels:
         raise InputError(
-            f"The map of {data.name!r} has the free axes {', '.join(map(str, data.dims))}: a picture needs one or two; "
-            "select the others first, for instance with .isel(branch=0)."
+            f"The map of {data.name!r} has the free axes {', '.join(map(str, data.dims))}: a picture needs one or two "
+            f"axes of numbers; select of the others first, for instance with {_remedy(data)}."
         )
     if data.ndim == 1 and with_curves:
         raise InputError(f"The map of {data.name!r} has one free axis: singular curves and cusps need a map of two.")
-    return _thinned(data)  # type: ignore[arg-type]
+    return _thinned(data)
 
 
-def _thinned(data: "xarray.DataArray") -> "xarray.DataArray":
+def _thinned(data: xarray.DataArray) -> xarray.DataArray:
     if data.ndim == 2:
         # No page shows more samples than this, and an image of all would take many times the data's memory.
         data = data[tuple(slice(None, None, max(1, n // _MOST_SAMPLES)) for n in data.shape)]
     return data
 
 
-def _flags(data: "xarray.DataArray") -> dict[int, str]:
+def _flags(data: xarray.DataArray) -> dict[int, str]:
     """Returns what the numbers of a category mean; nothing for other variables."""
     values, meanings = data.attrs.get("flag_values"), str(data.attrs.get("flag_meanings", "")).split()
     return {} if values is None else {int(v): text for v, text in zip(values, meanings, strict=False)}
 
 
-def _margin_of(result: Any, data: "xarray.DataArray") -> np.ndarray | None:
+def _margin_of(result: Any, data: xarray.DataArray) -> np.ndarray | None:
     """Returns the margin that belongs to a map of categories, where the dataset has it."""
     name = f"{data.name}_margin"
     if data.ndim != 2 or not _flags(data) or not hasattr(result, "data_vars") or name not in result:
@@ -123,7 +166,7 @@ def _margin_of(result: Any, data: "xarray.DataArray") -> np.ndarray | None:
     return margin if margin.shape == data.shape else None
 
 
-def _map(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
+def _map(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
     if data.ndim == 1:
         _line(data, ax)
     elif _flags(data):
@@ -134,13 +177,13 @@ def _map(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], margin: np
         _shades(data, ax)
 
 
-def _section(data: "xarray.DataArray") -> tuple[tuple[str, ...], dict[str, float]]:
+def _section(data: xarray.DataArray) -> tuple[tuple[str, ...], dict[str, float]]:
     """Returns the names of the free axes, and the fixed ones with their values."""
     fixed = {str(n): float(c) for n, c in data.coords.items() if c.ndim == 0 and c.dtype.kind == "f"}
     return tuple(map(str, data.dims)), fixed
 
 
-def _frame(record: "SingularCurves | Cusps", free: tuple[str, ...], ax: Axes) -> None:
+def _frame(record: SingularCurves | Cusps, free: tuple[str, ...], ax: Axes) -> None:
     """Prepares Axes for curves without a map."""
     x, y = (record.request["section"][name][:2] for name in free)
     style.dress(ax, *((name, record.units[name]) for name in free))
@@ -165,7 +208,7 @@ def _add_legend(ax: Axes, handles: list[Line2D]) -> None:
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), **look)
 
 
-def _unit(data: "xarray.DataArray", dim: object) -> tuple[str, str]:
+def _unit(data: xarray.DataArray, dim: object) -> tuple[str, str]:
     return str(dim), str(data[dim].attrs.get("units", ""))
 
 
@@ -174,20 +217,35 @@ def _extent(samples: np.ndarray) -> tuple[float, float]:
     return float(samples[0] - half), float(samples[-1] + half)
 
 
-def _line(data: "xarray.DataArray", ax: Axes) -> None:
+def _line(data: xarray.DataArray, ax: Axes) -> None:
     (dim,) = data.dims
     steps = "steps-mid" if np.issubdtype(data.dtype, np.integer) else "default"
-    ax.plot(data[dim], data, color=style.OKABE_ITO["blue"], drawstyle=steps)
+    flags, values = _flags(data), np.asarray(data)
+    if flags:
+        # Their numbers mean nothing: those that occur stand at equal distances.
+        present, values = np.unique(values, return_inverse=True)
+        ax.set_yticks(range(len(present)), [style.words(flags.get(int(n), "none")) for n in present])
+    ax.plot(data[dim], values, color=style.OKABE_ITO["blue"], drawstyle=steps)
     name, unit = _unit(data, dim)
     ax.set_xlabel(style.axis_label(name, unit))
-    ax.set_ylabel(str(data.attrs.get("long_name", data.name)))
-    flags = _flags(data)
-    if flags:
-        present = [int(n) for n in np.unique(data)]
-        ax.set_yticks(present, [style.words(flags.get(n, "none")) for n in present])
+    if unit == "rad":
+        style.ticks_in_pi(ax.xaxis)
+    ax.set_ylabel(_quantity(data))
 
 
-def _image(data: "xarray.DataArray", ax: Axes, values: np.ndarray, **options: object):
+def _quantity(data: xarray.DataArray) -> str:
+    """Returns the name of what is drawn with its unit, in lines that fit beside a picture."""
+    unit, long_name = str(data.attrs.get("units", "1")), str(data.attrs.get("long_name", data.name))
+    if ": " in unit:
+        # Of coordinates of several units: that of the chosen one, where that is known.
+        units = dict(entry.split(": ", 1) for entry in unit.split(", ") if ": " in entry)
+        unit = next((units[str(c.item())] for c in data.coords.values() if c.ndim == 0 and str(c.item()) in units), "")
+    text = long_name + (f" ({unit})" if unit not in ("", "1") else "")
+    lines = -(-len(text) // _LABEL_WIDTH)
+    return textwrap.fill(text, max(len(text) // lines + 6, 12), break_long_words=False)
+
+
+def _image(data: xarray.DataArray, ax: Axes, values: np.ndarray, **options: object):
     horizontal, vertical = data.dims
     x, y = np.asarray(data[horizontal]), np.asarray(data[vertical])
     image = ax.imshow(
@@ -210,7 +268,7 @@ def _limits(samples: np.ndarray) -> tuple[float, float]:
     return float(samples[0]), float(samples[-1] + (step if whole else 0.0))
 
 
-def _regions(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> None:
+def _regions(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray]) -> None:
     counts = np.asarray(data).T
     present = [int(n) for n in np.unique(counts)]
     missing = data.attrs.get("not_computed")
@@ -234,7 +292,7 @@ def _regions(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray]) -> Non
     ax.legend(handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
 
 
-def _categories(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
+def _categories(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:
     """Draws regions with names; colours repeat with a hatching."""
     flags, values = _flags(data), np.asarray(data).T
     present = [int(n) for n in np.unique(values)]
@@ -273,7 +331,7 @@ def _categories(data: "xarray.DataArray", ax: Axes, lines: list[np.ndarray], mar
 
 
 def _label_places(
-    data: "xarray.DataArray", counts: np.ndarray, present: list[int], lines: list[np.ndarray]
+    data: xarray.DataArray, counts: np.ndarray, present: list[int], lines: list[np.ndarray]
 ) -> list[tuple[float, float, int]]:
     """Returns the point farthest from the border, and from all lines, of every region large enough for a label."""
     step = max(1, -(-max(counts.shape) // _LABEL_SAMPLES))
@@ -297,7 +355,7 @@ def _label_places(
     return places
 
 
-def _shades(data: "xarray.DataArray", ax: Axes) -> None:
+def _shades(data: xarray.DataArray, ax: Axes) -> None:
     values = np.asarray(data, dtype=float).T
     signed = bool(np.nanmin(values) < 0 < np.nanmax(values)) if np.isfinite(values).any() else False
     values = np.where(np.isfinite(values), values, np.nan)
@@ -307,6 +365,4 @@ def _shades(data: "xarray.DataArray", ax: Axes) -> None:
     if signed:
         x, y = (np.asarray(data[dim]) for dim in data.dims)
         ax.contour(x, y, values, levels=[0.0], colors="black", linewidths=0.8)
-    unit = str(data.attrs.get("units", "1"))
-    label = str(data.attrs.get("long_name", data.name)) + (f" ({unit})" if unit not in ("", "1") else "")
-    ax.figure.colorbar(image, ax=ax, label=label)
+    ax.figure.colorbar(image, ax=ax, label=_quantity(data))

@@ -1,7 +1,7 @@
 """A spatial mechanism in one pose, and in all its assembly modes."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -101,7 +101,7 @@ def _draw_pose(robot: Any, pose: np.ndarray, motion: np.ndarray, sign: int, ax: 
     if len(arrows):
         entries.append(Line2D([], [], color=_MOTION, linewidth=1.8, label="uncontrolled motion"))
     spatial.legend(ax, entries, columns=2, own=own)
-    title = in_lines(style.value(a.name, v) for a, v in zip(robot.pose_axes, pose, strict=True))
+    title = style.in_lines(style.value(a.name, v) for a, v in zip(robot.pose_axes, pose, strict=True))
     if own:
         points = np.concatenate([*(body.points for body in bodies), ends])
         spatial.fit([ax], [title], legend=0.18 * math.ceil(len(entries) / 2) + 0.1, points=points)
@@ -198,10 +198,3 @@ def _add_joints(shown: Sequence[Axes3D], robot: Any, joints: np.ndarray, lines: 
 
 def _among(body: Body, others: Sequence[Body]) -> bool:
     return any(body.name == o.name and np.array_equal(body.points, o.points) for o in others)
-
-
-def in_lines(texts: Iterable[str]) -> str:
-    """Returns texts on one line, or on two if they are many."""
-    texts = list(texts)
-    half = len(texts) if len(texts) <= 3 else (len(texts) + 1) // 2
-    return "\n".join(", ".join(part) for part in (texts[:half], texts[half:]) if part)

@@ -10,14 +10,13 @@ from matplotlib.patches import Patch
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Axis
+from jaxkin.mapping._orientation_records import Solid
 from jaxkin.plot import layers, spatial, style
 from jaxkin.plot.poses import new_or_given
 from jaxkin.plot.shading import shaded
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
-
-    from jaxkin.mapping._orientation_records import Solid
 
 #: Factors have the colours that they have as surfaces; the end of a chart is green there as well.
 _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "purple", "orange", "blue", "yellow"))
@@ -29,7 +28,7 @@ _VIEW = (20.0, -58.0)
 _CHART_NAMES = {"xyz": "X-Y-Z Euler angles", "zxy": "Z-X-Y Euler angles [ours]", "joints": "joints [ours]"}
 
 
-def solid(solid: "Solid", ax: Axes | None = None) -> "Axes3D":
+def solid(solid: Solid, ax: Axes | None = None) -> "Axes3D":
     """Draws a closed solid, its faces coloured by what vanishes there (after Fig. 3 of Chablat et al. 2018).
 
     Where only the chart ends, the face is green. Shape and volume belong to the chart, not to the robot.
@@ -42,8 +41,9 @@ def solid(solid: "Solid", ax: Axes | None = None) -> "Axes3D":
         The Axes, with a legend and the volume in the title.
 
     Raises:
-        InputError: The solid has no faces, or the Axes are flat.
+        InputError: It is no solid or one without faces, or the Axes are flat.
     """
+    style.check_kind(solid, Solid, "a solid, from jk.aspect_solid or jk.joint_solid")
     if not len(solid.faces):
         raise InputError("There is no face to draw: give a solid of jk.aspect_solid or jk.joint_solid.")
     own, ax = ax is None, new_or_given(ax)
@@ -74,13 +74,13 @@ def solid(solid: "Solid", ax: Axes | None = None) -> "Axes3D":
     return ax
 
 
-def _label(name: str, solid: "Solid") -> str:
+def _label(name: str, solid: Solid) -> str:
     if name != _CHART:
         return f"{style.symbol(name)} = 0"
     return f"end of the chart ({style.symbol(f'cos({solid.axes[1]})')} = 0)"
 
 
-def _volume(solid: "Solid") -> str:
+def _volume(solid: Solid) -> str:
     if all(unit == "rad" for unit in solid.units):
         share = solid.volume / math.pi**3
         return f"volume {'' if abs(share - 1) < 1e-9 else f'{share:.6g} '}π$^3$ rad$^3$ in this chart"

@@ -186,8 +186,7 @@ def frame(ax: Axes3D, box: np.ndarray, axes: Sequence[Axis], azimuth: float, ele
         axis.set_tick_params(labelsize="x-small", pad=-1.0)
         axis.labelpad = 0.0
     part_tick_labels(ax)
-    ax.zaxis.set_tick_params(pad=2.0)
-    ax.zaxis.labelpad = 3.0
+    upright_labels(ax, 6.9)
     ax.zaxis.set_rotate_label(False)
     ax.zaxis.label.set_rotation(90.0)
 
@@ -198,6 +197,49 @@ def part_tick_labels(ax: Axes3D) -> None:
     for axis, toward_right in ((ax.xaxis, math.copysign(sin, sin * cos)), (ax.yaxis, -math.copysign(cos, sin * cos))):
         for label in axis.get_ticklabels():
             label.set_horizontalalignment("left" if toward_right > 0 else "right")
+
+
+#: Matplotlib adds these to the pads of tick labels and of the name of an axis in three dimensions, and moves them away
+#: from the middle by this share of the box for each 1/48 of the Axes' points.
+_TICKS_AT, _NAME_AT, _MOVED = 8.0, 21.0, 0.08
+#: Width of a digit, as a share of the size of its font.
+_DIGIT = 0.64
+#: Between an axis line, its tick labels and its name, points.
+_GAP = 6.0
+
+
+def upright_labels(ax: Axes3D, size: float) -> None:
+    """Moves the tick labels of the upright axis off its line, and its name off them, from the present view.
+
+    Args:
+        ax: Framed Axes with ticks.
+        size: Of the font of the tick labels, points.
+    """
+    right = math.sin(math.radians(ax.azim)) * math.cos(math.radians(ax.azim)) < 0
+    for label in ax.zaxis.get_ticklabels():
+        label.set_horizontalalignment("left" if right else "right")
+    low, high = ax.get_zlim()
+    ticks = [tick for tick in ax.zaxis.get_majorticklocs() if low <= tick <= high]
+    longest = max(map(len, ax.zaxis.get_major_formatter().format_ticks(ticks)), default=1)
+    points = _points_per_pad(ax, right=right)
+    ax.zaxis.set_tick_params(pad=_GAP / points - _TICKS_AT)
+    ax.zaxis.labelpad = (2 * _GAP + _DIGIT * size * longest + 4.0) / points - _NAME_AT
+
+
+def _points_per_pad(ax: Axes3D, *, right: bool) -> float:
+    """Returns how far, in points across the picture, the labels of the upright axis move for each unit of their pad."""
+    turn = math.radians(ax.azim)
+    # The upright axis stands at the outermost corner of the box.
+    outward = np.sign([-math.sin(turn), math.cos(turn), 0.0]) * (1 if right else -1)
+    box = np.array([ax.get_xlim(), ax.get_ylim(), ax.get_zlim()])
+    middle, sides = box.mean(axis=1), box[:, 1] - box[:, 0]
+    # Axes of three dimensions become square, and move labels by the sum of their sides.
+    size = 72 * min(ax.bbox.size) / ax.figure.dpi  # type: ignore[union-attr]
+    moved = _MOVED * 48 / (2 * size)
+    corner = middle + outward * sides / 2
+    ends = np.stack([corner, corner + moved * outward * sides])
+    across = _flat(ax, ends)[:, 0]
+    return max(abs(float(across[1] - across[0])) * size, 0.2)
 
 
 _LEGEND_NAMES = {"actuated": "actuated joint", "passive": "passive joint", "base": "base"}

@@ -2,10 +2,15 @@
 
 import math
 import re
+from collections.abc import Iterable
+from typing import Any
 
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.axis import Axis
-from matplotlib.ticker import FuncFormatter, MultipleLocator
+from matplotlib.ticker import FuncFormatter, Locator, MaxNLocator
+
+from jaxkin.core.errors import InputError
 
 #: Okabe and Ito's palette, told apart by all common kinds of colour vision.
 OKABE_ITO = {
@@ -63,6 +68,11 @@ def symbol(name: str) -> str:
     return f"${stem}_{{{index}}}$" if index else f"${stem}$"
 
 
+def greek(name: str) -> str:
+    """Returns the name of a Greek letter as a formula, other texts as they are."""
+    return symbol(name) if name in _GREEK else name
+
+
 def words(text: str) -> str:
     """Returns words with formulas in place of the names in them, as in ``"rho1x_low"`` or ``"upper, z > -h"``."""
     text = text.replace("_", " ").replace(" -", " −")
@@ -72,6 +82,28 @@ def words(text: str) -> str:
 def value(name: str, number: float) -> str:
     """Returns ``name = number`` with four digits and a proper minus sign."""
     return f"{symbol(name)} = {round(number, 12) + 0.0:.4g}".replace("-", "−")
+
+
+def in_lines(texts: Iterable[str]) -> str:
+    """Returns texts on one line, or on two if they are many."""
+    texts = list(texts)
+    half = len(texts) if len(texts) <= 3 else (len(texts) + 1) // 2
+    return "\n".join(", ".join(part) for part in (texts[:half], texts[half:]) if part)
+
+
+def check_kind(given: Any, kinds: type | tuple[type, ...], needed: str) -> None:
+    """Refuses what cannot be drawn.
+
+    Args:
+        given: An argument.
+        kinds: What it may be.
+        needed: The same in words, and where to get it.
+
+    Raises:
+        InputError: It is something else.
+    """
+    if not isinstance(given, kinds):
+        raise InputError(f"Cannot draw an object of type {type(given).__name__}: give {needed}.")
 
 
 def axis_label(name: str, unit: str) -> str:
@@ -91,9 +123,36 @@ def dress(ax: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
 
 
 def ticks_in_pi(axis: Axis) -> None:
-    """Gives an axis ticks at multiples of pi / 2."""
-    axis.set_major_locator(MultipleLocator(math.pi / 2))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: _in_pi(value)))
+    """Gives an axis ticks at multiples of pi / 2, and decimal ones where there are fewer than three of those."""
+    axis.set_major_locator(_AngleLocator())
+    axis.set_major_formatter(FuncFormatter(lambda value, _: _angle(value)))
+
+
+#: An axis has so many ticks, except that many turns have the larger number at most.
+_LEAST_TICKS, _MOST_TICKS = 3, 9
+
+
+class _AngleLocator(Locator):
+    """Ticks of an axis in radians."""
+
+    def __call__(self) -> list[float]:
+        return self.tick_values(*self.axis.get_view_interval())  # type: ignore[union-attr]
+
+    def tick_values(self, vmin: float, vmax: float) -> list[float]:
+        low, high = sorted((vmin, vmax))
+        step = math.pi / 2
+        while (high - low) / step > _MOST_TICKS - 1 + 1e-9:
+            step *= 2
+        ticks = step * np.arange(math.ceil(low / step - 1e-9), math.floor(high / step + 1e-9) + 1)
+        if len(ticks) >= _LEAST_TICKS:
+            return ticks.tolist()
+        return list(MaxNLocator(5, steps=[1, 2, 5, 10], min_n_ticks=_LEAST_TICKS).tick_values(low, high))
+
+
+def _angle(value: float) -> str:
+    if abs(value - round(2 * value / math.pi) * math.pi / 2) < 1e-9:
+        return _in_pi(value)
+    return f"{round(value, 12):g}".replace("-", "−")
 
 
 def _in_pi(value: float) -> str:

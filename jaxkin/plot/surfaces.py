@@ -1,7 +1,7 @@
 """Singular surfaces in the workspace, in three dimensions."""
 
 import math
-from typing import TYPE_CHECKING, Any, NamedTuple, cast
+from typing import Any, NamedTuple, cast
 
 import jax
 import matplotlib.pyplot as plt
@@ -18,13 +18,11 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.precision import TOLERANCES
+from jaxkin.mapping.meshes import SingularSurfaces
 from jaxkin.plot import style
 from jaxkin.plot.layers import add_layers, add_lines
 from jaxkin.plot.shading import shaded
-from jaxkin.plot.spatial import part_tick_labels
-
-if TYPE_CHECKING:
-    from jaxkin.mapping.meshes import SingularSurfaces
+from jaxkin.plot.spatial import part_tick_labels, upright_labels
 
 #: The first factor is red in Wenger and Chablat 2009, Fig. 2.
 _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "green", "purple", "orange", "blue", "yellow"))
@@ -36,7 +34,7 @@ _OPACITY = 0.88
 _VIEW = (22.0, -52.0)
 
 
-def surfaces(surfaces: "SingularSurfaces", ax: Axes | None = None, *, robot: Mechanism | None = None) -> Axes3D:
+def surfaces(surfaces: SingularSurfaces, ax: Axes | None = None, *, robot: Mechanism | None = None) -> Axes3D:
     """Draws singular surfaces in the space of the three free pose axes, the last one upright.
 
     The faces of a glued axis are framed, and the curves in which the surfaces meet them drawn in black on both: they
@@ -52,10 +50,12 @@ def surfaces(surfaces: "SingularSurfaces", ax: Axes | None = None, *, robot: Mec
         The Axes, with a legend.
 
     Raises:
-        InputError: There is no surface to draw, or the Axes are flat.
+        InputError: They are no singular surfaces or none at all, or the Axes are flat.
     """
+    style.check_kind(surfaces, SingularSurfaces, "singular surfaces, from jk.singular_surfaces")
     if not any(len(surface.faces) for surface in surfaces):
         raise InputError("There is no singular surface in the box: choose a larger one in jk.singular_surfaces.")
+    below = -0.015 if ax is None else -0.06
     if ax is None:
         # Margins by hand: constrained layout does not see how far the labels of a 3D plot reach.
         figure = plt.figure(figsize=(5.2, 5.2))
@@ -70,12 +70,12 @@ def surfaces(surfaces: "SingularSurfaces", ax: Axes | None = None, *, robot: Mec
     handles += _crossing_lines(ax, surfaces, free)
     handles += _glue_marks(ax, surfaces, free, box, chart)
     ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.54, -0.015), ncols=2, frameon=False, fontsize="small"
+        handles=handles, loc="upper center", bbox_to_anchor=(0.54, below), ncols=2, frameon=False, fontsize="small"
     )
     return ax
 
 
-def _frame(ax: Axes3D, surfaces: "SingularSurfaces", box: np.ndarray) -> None:
+def _frame(ax: Axes3D, surfaces: SingularSurfaces, box: np.ndarray) -> None:
     ax.computed_zorder = False
     ax.set(xlim=box[0], ylim=box[1], zlim=box[2])
     ax.margins(0)
@@ -92,11 +92,14 @@ def _frame(ax: Axes3D, surfaces: "SingularSurfaces", box: np.ndarray) -> None:
             style.ticks_in_pi(axis)
         else:
             axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
+        axis.set_tick_params(labelsize="small")
+        axis.labelpad = 8.0
     part_tick_labels(ax)
+    upright_labels(ax, 8.3)
     ax.grid(False)
 
 
-def _proportions(surfaces: "SingularSurfaces", box: np.ndarray) -> np.ndarray:
+def _proportions(surfaces: SingularSurfaces, box: np.ndarray) -> np.ndarray:
     """Returns the sides of the drawn box: one scale for axes of one unit, and the largest of every unit equal."""
     sides = box[:, 1] - box[:, 0]
     units = [surfaces.units[name] for name in surfaces.free]
@@ -105,7 +108,7 @@ def _proportions(surfaces: "SingularSurfaces", box: np.ndarray) -> np.ndarray:
 
 
 def _triangles(
-    ax: Axes3D, surfaces: "SingularSurfaces", free: list[int], box: np.ndarray, chart: list["_Face"]
+    ax: Axes3D, surfaces: SingularSurfaces, free: list[int], box: np.ndarray, chart: list["_Face"]
 ) -> list[Patch]:
     """Draws all surfaces together, without what lies in a face of the chart; returns the legend's handles."""
     scale = _proportions(surfaces, box) / (box[:, 1] - box[:, 0])
@@ -138,7 +141,7 @@ def _outside(shapes: np.ndarray, chart: list[_Face]) -> np.ndarray:
     return shapes
 
 
-def _chart_faces(robot: Mechanism, surfaces: "SingularSurfaces", box: np.ndarray) -> list[_Face]:
+def _chart_faces(robot: Mechanism, surfaces: SingularSurfaces, box: np.ndarray) -> list[_Face]:
     """Returns the faces of the box on which a factor of the chart vanishes, looked at in a few places."""
     factors = getattr(robot, "chart_factors", None)
     if factors is None:
@@ -186,7 +189,7 @@ def _label(name: str) -> str:
     return f"{style.symbol(name)} = 0"
 
 
-def _crossing_lines(ax: Axes3D, surfaces: "SingularSurfaces", free: list[int]) -> list[Line2D]:
+def _crossing_lines(ax: Axes3D, surfaces: SingularSurfaces, free: list[int]) -> list[Line2D]:
     handles = []
     for crossing in surfaces.crossings:
         look = {"color": "black", "linewidth": 0.8}
@@ -196,7 +199,7 @@ def _crossing_lines(ax: Axes3D, surfaces: "SingularSurfaces", free: list[int]) -
 
 
 def _glue_marks(
-    ax: Axes3D, surfaces: "SingularSurfaces", free: list[int], box: np.ndarray, chart: list[_Face]
+    ax: Axes3D, surfaces: SingularSurfaces, free: list[int], box: np.ndarray, chart: list[_Face]
 ) -> list[Line2D]:
     """Frames both faces of every glued axis, and draws on them the curves that are the same on both."""
     for name in surfaces.glued:

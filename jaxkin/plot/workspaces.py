@@ -3,7 +3,7 @@
 import math
 import re
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,14 +13,13 @@ from matplotlib.patches import Patch
 from jaxkin.core.bodies import Body
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Axis
+from jaxkin.mapping._workspace_records import WorkspacePatch, WorkspaceSurfaces
 from jaxkin.plot import layers, spatial, style
 from jaxkin.plot.poses import new_or_given
 from jaxkin.plot.shading import shaded
 
 if TYPE_CHECKING:
     from mpl_toolkits.mplot3d import Axes3D
-
-    from jaxkin.mapping._workspace_records import WorkspacePatch, WorkspaceSurfaces
 
 #: One for each joint; its upper limit is lighter, the lower one darker.
 _HUES = tuple(style.OKABE_ITO[c] for c in ("sky", "orange", "purple", "green", "yellow", "blue"))
@@ -31,7 +30,7 @@ _OPACITY = 0.9
 _VIEW = (20.0, -28.0)
 
 
-def workspace(surfaces: "WorkspaceSurfaces | Sequence[WorkspaceSurfaces]", ax: Axes | None = None) -> "Axes3D":
+def workspace(surfaces: WorkspaceSurfaces | Sequence[WorkspaceSurfaces], ax: Axes | None = None) -> "Axes3D":
     """Draws the boundary of a workspace, each face in the colour of the limit that is reached there (after Fig. 3).
 
     A joint has one hue, lighter at its upper and darker at its lower limit; a piece of the singular surface is
@@ -45,14 +44,16 @@ def workspace(surfaces: "WorkspaceSurfaces | Sequence[WorkspaceSurfaces]", ax: A
         The Axes, with a legend and the volume in the title.
 
     Raises:
-        InputError: There is no face to draw, or the Axes are flat.
+        InputError: It is no boundary of a workspace, there is no face to draw, or the Axes are flat.
     """
-    records = [cast("WorkspaceSurfaces", surfaces)] if hasattr(surfaces, "patches") else list(surfaces)
-    patches = [patch for record in records for patch in record.patches if len(patch.faces)]  # type: ignore[union-attr]
+    records: list[WorkspaceSurfaces] = list(surfaces) if isinstance(surfaces, list | tuple) else [surfaces]  # type: ignore[list-item]
+    for record in records:
+        style.check_kind(record, WorkspaceSurfaces, "the boundary of a workspace, from jk.workspace_surfaces")
+    patches = [patch for record in records for patch in record.patches if len(patch.faces)]
     if not patches:
         raise InputError("There is no face to draw: give what jk.workspace_surfaces returned, of a workspace.")
     own, ax = ax is None, new_or_given(ax)
-    first = cast("WorkspaceSurfaces", records[0])
+    first = records[0]
     points = np.concatenate([patch.vertices for patch in patches])
     box = spatial.limits([Body("", points, "axis")], margin=0.02)
     axes = [Axis(name, first.units[name]) for name in first.pose_names]
@@ -71,7 +72,7 @@ def workspace(surfaces: "WorkspaceSurfaces | Sequence[WorkspaceSurfaces]", ax: A
         # A legend fills columns: 3, 2 and 2. The singular piece goes below the first joint's limits.
         entries.insert(2, entries.pop())
     spatial.legend(ax, list(entries), columns, own=own)
-    title = "\n".join(f"{r.branch} branch: {_volume(r.volume)} {axes[0].unit}$^3$" for r in map(_record, records))
+    title = "\n".join(f"{r.branch} branch: {_volume(r.volume)} {axes[0].unit}$^3$" for r in records)
     if own:
         legend = 0.18 * math.ceil(len(entries) / columns) + 0.12
         spatial.fit([ax], [title], legend=legend, points=points)
@@ -80,17 +81,13 @@ def workspace(surfaces: "WorkspaceSurfaces | Sequence[WorkspaceSurfaces]", ax: A
     return ax
 
 
-def _record(record: object) -> "WorkspaceSurfaces":
-    return cast("WorkspaceSurfaces", record)
-
-
 def _parts(name: str) -> tuple[str, str] | None:
     """Returns the joint and ``"min"`` or ``"max"`` of a face's name such as ``"l1 = l1_min"``."""
     match = re.fullmatch(r"(\w+) = \1_(min|max)", name)
     return (match[1], match[2]) if match else None
 
 
-def _paint(name: str, patches: "Sequence[WorkspacePatch]") -> np.ndarray:
+def _paint(name: str, patches: Sequence[WorkspacePatch]) -> np.ndarray:
     parts = _parts(name)
     if parts is None:
         return np.array(to_rgb(_SINGULAR))

@@ -16,6 +16,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
 from jaxkin.core.bodies import Body
 from jaxkin.core.errors import InputError
+from jaxkin.kinematics.solve import inverse
 from jaxkin.mechanisms import _tlpm_wrist
 from jaxkin.numerics import rotations
 from jaxkin.plot import spatial, style
@@ -36,7 +37,8 @@ def wrist_angles(robot: "TLPM", pose: ArrayLike, limb: int = 1, ax: Axes | None 
     """Draws the wrist of one limb with its angles theta_i1 and theta_i2 and what their limits forbid (after Fig. 5).
 
     theta_i1 is measured from the limb's axis to the R2 axis, theta_i2 about the R2 axis from the platform's centre to
-    the R1 axis (for the elbow -1 both with the other sign): a reading of the paper that is ours.
+    the R1 axis (for the elbow -1 both with the other sign): a reading of the paper that is ours. The title says where
+    the pose is outside the strokes.
 
     Args:
         robot: A TLPM.
@@ -69,7 +71,7 @@ def wrist_angles(robot: "TLPM", pose: ArrayLike, limb: int = 1, ax: Axes | None 
     ]
     spatial.legend(ax, entries, columns=2, own=own)
     texts = (f"{name} = {math.degrees(angle):.1f}°" for name, angle in zip(names, angles, strict=True))
-    title = f"limb {limb} [ours]:  {',  '.join(texts)}".replace("-", "−")
+    title = reach_note(robot, p) + f"limb {limb} [ours]:  {',  '.join(texts)}".replace("-", "−")
     if own:
         spatial.fit([ax], [title], points=points, legend=0.5, room=spatial.Room(above=0.45))
     else:
@@ -89,6 +91,11 @@ def checked(robot: Any, pose: Any) -> np.ndarray:
     if p.shape != (3,) or not np.isfinite(p).all():
         raise InputError(f"The pose is {p.tolist()}: it must be three finite numbers (x, y, z), mm.")
     return p
+
+
+def reach_note(robot: "TLPM", p: np.ndarray) -> str:
+    """Returns a line for the title of a pose that the strokes do not reach, and nothing for others."""
+    return "" if bool(inverse(robot, p).valid.any()) else "pose outside the strokes\n"
 
 
 def near_wrist(robot: "TLPM", p: np.ndarray) -> list[Body]:

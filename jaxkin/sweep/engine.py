@@ -72,6 +72,8 @@ def sweep(
         SweepInterrupted: Ctrl-C; ``.dataset`` holds what was computed, and a store keeps it.
     """
     checked_mechanism("jk.sweep", robot)
+    if workers is not None and (not isinstance(workers, int) or workers < 1):
+        raise InputError(f"jk.sweep: workers is {workers!r}: it must be a whole number of threads, at least 1.")
     field = fields.by_name(field) if isinstance(field, str) else field
     if not isinstance(field, Field) or not isinstance(grid, Grid):
         raise InputError(

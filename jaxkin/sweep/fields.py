@@ -322,8 +322,10 @@ def _margin_names(robot: Mechanism) -> tuple[str, ...]:
 
 def _margin_variables(robot: Mechanism) -> tuple[Variable, ...]:
     long_name = "signed distance to each limit, negative outside"
-    dims = (*_working_modes(robot), ("limit", _margin_names(robot)))
-    return (Variable("limit_margins", "float64", "units of the limits", long_name, dims),)
+    names = _margin_names(robot)
+    units = ", ".join(f"{name}: {robot.margin_unit(name)}" for name in names)
+    dims = (*_working_modes(robot), ("limit", names))
+    return (Variable("limit_margins", "float64", units, long_name, dims),)
 
 
 def _margins_by_mode(robot: Mechanism, pose: Coordinates) -> Iterator[tuple[Lane, dict[str, Array]]]:

@@ -72,6 +72,7 @@ def test_shorter_limbs_are_another_workspace(stroke, branch):
     assert set(found.violated) == {"shorter1", "shorter2"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(6))
 def test_half_of_a_symmetric_workspace(seed):
     """The planes through the axis and a limb are mirrors."""
@@ -90,6 +91,7 @@ def test_a_hole_takes_its_own_volume():
     assert found.volume == pytest.approx(found.workspace - 4 / 3 * math.pi * 90.0**3, rel=1.2e-3)
 
 
+@pytest.mark.slow
 def test_a_layer_thinner_than_the_first_cells():
     robot = conditioned(slab=0.5)
     found = free_volume(robot, tolerance=1e-3)
@@ -142,6 +144,7 @@ def counted(robot, branch, number, seed=3):
     return free.mean(), math.sqrt(free.mean() * (1 - free.mean()) / len(free))
 
 
+@pytest.mark.slow
 def test_against_counting_for_a_tilted_platform():
     angle = 0.35
     robot = tlpm.create(orientation=(math.cos(angle), 0.0, math.sin(angle), 0.0), a=40.0)
@@ -151,6 +154,7 @@ def test_against_counting_for_a_tilted_platform():
     assert abs(found.share - share) < 4 * deviation + 4 * found.error / found.workspace
 
 
+@pytest.mark.slow
 def test_lower_branch_is_practically_blocked():
     """[ours] The wrist is not mirror symmetric: of the lower branch about 0.1 % are left at the identity, elbows +1."""
     robot = tlpm.create()
@@ -169,6 +173,7 @@ def test_same_seed_same_numbers():
     assert one.request["seed"] == 1
 
 
+@pytest.mark.slow
 def test_cap_is_told():
     found = free_volume(conditioned(plane=(1.0, 0.0, 0.0, 5.0)), tolerance=1e-6, most_columns=4000)
     assert not found.converged

@@ -258,3 +258,15 @@ def test_what_is_refused(robot: ppps3.PPPS3):
         orientation.largest_rotation_ball(robot, closed.nearest_singular_rotation("R33", 0.3))
     with pytest.raises(InputError, match="rotation"):
         orientation.largest_rotation_ball(robot, np.diag([1.0, 1.0, -1.0]))
+
+
+@pytest.mark.slow
+def test_the_volume_of_a_small_region_is_not_lost():
+    """No volume in the chart is less than 8 pi^2 times the share of the rotations, as 1 / cos(theta) >= 1."""
+    robot, position = ppps3.create(side=1.3), [0.08251642, 0.89554635, -0.58480141]
+    joints = np.asarray(jk.inverse(robot, [*position, 0.36, -0.16, -0.5]).values[0])
+    width = np.array([50.0, 50.0, 0.03, 0.03, 0.03, 0.03])
+    narrow = ppps3.create(side=1.3, limits=jk.Limits(joints - width, joints + width))
+    found = jk.reachable_share(narrow, position, tolerance=1e-5)
+    assert found.volume + found.volume_error >= 8 * np.pi**2 * found.share > 1e-5
+    assert found.volume > 1e-5

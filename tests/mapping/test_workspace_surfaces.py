@@ -92,6 +92,7 @@ def test_flat_piece():
     assert flat.area == pytest.approx(count, rel=2e-3)
 
 
+@pytest.mark.slow
 def test_areas_of_spherical_faces_by_their_own_integral():
     """dA = r ds_j ds_k / (8 A w), with s the squared lengths and A the area of the triangle of the q_i."""
     robot = tlpm.create(stroke=(-200.0, 150.0))
@@ -122,6 +123,7 @@ def test_triangles_look_outwards():
             assert inside(robot, branch, middle + step, 0.0).mean() < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_designs(seed):
     found = workspace_surfaces(random_design(seed), n=24)

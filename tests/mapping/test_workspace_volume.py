@@ -197,6 +197,7 @@ def test_touching_workspaces(stroke):
     assert float(found.error) <= 1e-9 * exact
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(12))
 def test_random_designs(seed):
     robot = random_design(seed, 150.0 if seed % 3 else 450.0)
@@ -233,6 +234,7 @@ def test_shells_almost_closed_give_the_three_balls():
     assert float(workspace_volume(almost).volume) == pytest.approx(oracle(almost), rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stroke", [(-200.0, 200.0), (-400.0, 400.0)])
 def test_by_throwing_points(stroke):
     robot = tlpm.create(stroke=stroke)
@@ -335,6 +337,7 @@ def test_derivatives_against_differences(robot):
     np.testing.assert_allclose(np.asarray(gradient(p)) * UNITS, slopes, atol=1e-6 * np.max(np.abs(slopes)))
 
 
+@pytest.mark.slow
 def test_areas_of_faces_are_derivatives_of_the_volume():
     for stroke in ((-200.0, 200.0), (-400.0, 390.0)):
         robot = tlpm.create(stroke=stroke)

@@ -162,6 +162,7 @@ def test_yaw_at_home_is_free_from_60_to_47_degrees(elbow):
     assert len(free) == round((high - low) * 10) + 1
 
 
+@pytest.mark.slow
 def test_angles_and_clearances_over_the_workspace():
     """Strokes of +-200 mm: the upper mode is free throughout, the lower one, no mirror image, almost nowhere."""
     strokes = np.random.default_rng(2).uniform(-200, 200, (20000, 3))
@@ -370,6 +371,7 @@ def test_limits_may_be_infinite():
     assert np.linalg.norm(gradient) > 1e-4
 
 
+@pytest.mark.slow
 def test_a_positive_clearance_excludes_contact_and_no_smaller_bound_does():
     """Two bars of square section at any roll about their axes, by the points of their bodies."""
     rng = np.random.default_rng(5)
@@ -452,6 +454,7 @@ _reverse = jax.jit(jax.jacrev(_everything, argnums=(1, 2)))
 _forward = jax.jit(jax.jacfwd(_everything, argnums=(1, 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("derivative", [_reverse, pytest.param(_forward, marks=pytest.mark.slow)], ids=["vjp", "jvp"])
 @pytest.mark.parametrize(
     ("pose", "orientation", "elbows"),

@@ -58,11 +58,47 @@ def test_angles_have_ticks_in_pi():
     assert style._in_pi(-2 * np.pi) == "−2π"
 
 
+@pytest.mark.parametrize(
+    ("low", "high"), [(-1.57, 1.57), (-1.0, 1.0), (0.1, 0.3), (0.0, 3.2), (-20.0, 20.0), (2.0, 1.0)]
+)
+def test_angles_have_at_least_three_ticks_with_their_values(low, high):
+    _, ax = plt.subplots()
+    ax.set_xlim(low, high)
+    style.ticks_in_pi(ax.xaxis)
+    places = [x for x in ax.get_xticks() if min(low, high) <= x <= max(low, high)]
+    assert 3 <= len(places) <= 9
+    for x, text in zip(places, ax.xaxis.get_major_formatter().format_ticks(places), strict=True):
+        text = text.replace("−", "-")
+        if "π" in text:
+            count, _, half = text.partition("π")
+            value = float(count + "1" if count in ("", "-") else count) * np.pi / (2 if half else 1)
+        else:
+            value = float(text)
+        assert value == pytest.approx(x, abs=1e-9)
+
+
 def test_one_axis_is_a_line_and_given_axes_are_used():
     _, ax = plt.subplots()
     data = jk.sweep(ROBOT, "forward_count", jk.Grid(rho1=(0.01, 4.0, 80), rho2=1.0, rho3=1.0))
     assert jk.plot.section(data, ax=ax) is ax
     np.testing.assert_array_equal(ax.lines[0].get_ydata(), data.forward_count)
+
+
+def test_wrong_arguments_are_refused_with_what_is_needed():
+    data = jk.sweep(ROBOT, "forward_count", COUNTS)
+    for draw in (jk.plot.section, jk.plot.surfaces, jk.plot.solid, jk.plot.workspace):
+        with pytest.raises(jk.InputError, match=r"type AnalyticRPR3.*from jk\."):
+            draw(ROBOT)
+    with pytest.raises(jk.InputError, match=r"type AnalyticRPR3.*jk\.singular_curves"):
+        jk.plot.section(data, curves=ROBOT)
+    with pytest.raises(jk.InputError, match=r"'nope'.*one of forward_count, forward_count_nearly_double"):
+        jk.plot.section(data, variable="nope")
+    with pytest.raises(jk.InputError, match="'nope'"):
+        jk.plot.section(data.forward_count, variable="nope")
+    with pytest.raises(jk.InputError, match="one sample"):
+        jk.plot.section(data.isel(rho1=0, rho3=0))
+    with pytest.raises(jk.InputError, match=r"not said.*one of forward_count"):
+        jk.plot.section(data.assign_attrs(field=None))
 
 
 def test_three_free_axes_are_refused_with_the_remedy():

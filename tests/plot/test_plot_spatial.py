@@ -72,6 +72,20 @@ def nothing_is_cut_off(ax) -> None:
     assert not any(key.overlaps(axis.label.get_window_extent()) for axis in (ax.xaxis, ax.yaxis, ax.zaxis))
 
 
+def upright_axis_is_legible(ax) -> None:
+    """The name of the upright axis is on none of its tick labels, and its line goes through none of them."""
+    ax.figure.canvas.draw()
+    low, high = ax.get_zlim()
+    ticks = [tick for tick in ax.zaxis.get_major_ticks() if low <= tick.get_loc() <= high]
+    boxes = [tick.label1.get_window_extent() for tick in ticks if tick.label1.get_text()]
+    (x0, y0), (x1, y1) = ax.transData.transform(np.transpose(ax.zaxis.line.get_data()))
+    assert len(boxes) >= 2
+    for box in boxes:
+        assert not box.overlaps(ax.zaxis.label.get_window_extent())
+        at = x0 + ((box.y0 + box.y1) / 2 - y0) / (y1 - y0) * (x1 - x0)
+        assert at < box.x0 or box.x1 < at
+
+
 # --- what the robots look like ------------------------------------------------------------------------------
 
 
@@ -256,6 +270,14 @@ def test_links_below_the_limit_are_told_apart():
     assert jk.plot.interference(TLPM, P1, ax=given) is given
 
 
+def test_wrists_of_a_pose_outside_the_strokes_say_so():
+    for draw in (jk.plot.interference, jk.plot.wrist_angles):
+        assert "outside" not in draw(TLPM, P1).get_title()
+        ax = draw(TLPM, [0.0, 0.0, 900.0])
+        assert ax.get_title().startswith("pose outside the strokes\n")
+        nothing_is_cut_off(ax)
+
+
 @pytest.mark.parametrize("elbow", [1, -1])
 @pytest.mark.parametrize("limb", [1, 2, 3])
 def test_arcs_of_the_wrist_angles_end_on_the_axes(limb, elbow):
@@ -358,6 +380,14 @@ def test_the_singular_piece_of_a_workspace_and_both_branches():
         jk.plot.workspace(seven, ax=plt.subplots()[1])
 
 
+def test_the_upright_axis_of_a_tall_picture_is_legible():
+    both = [jk.workspace_surfaces(TLPM, branch, n=4) for branch in ("upper", "lower")]
+    ax = jk.plot.workspace(both)
+    assert ax.get_zlim()[0] < -1000
+    upright_axis_is_legible(ax)
+    nothing_is_cut_off(ax)
+
+
 def test_hidden_edges_are_found():
     ax = solid_axes()
     spatial.frame(ax, np.array([[0.0, 1.0]] * 3), [jk.Axis(name, "mm") for name in "xyz"], -60.0, 25.0)
@@ -432,6 +462,9 @@ def test_the_singular_plane_of_the_tlpm():
     box = jk.Grid(x=(-500.0, 500.0, 6), y=(-500.0, 500.0, 6), z=(-900.0, 200.0, 6))
     ax = jk.plot.surfaces(jk.singular_surfaces(TLPM, box), robot=TLPM)
     assert legend(ax) == ["$z + h$ = 0"]
+    upright_axis_is_legible(ax)
+    nothing_is_cut_off(ax)
+    upright_axis_is_legible(jk.plot.surfaces(jk.singular_surfaces(TLPM, box), ax=solid_axes()))
 
 
 # --- maps of categories -------------------------------------------------------------------------------------
@@ -484,6 +517,58 @@ def test_a_category_over_one_axis_has_its_names_as_ticks():
     data = categories(np.repeat([0, 1], 10)[:, None] * np.ones((1, 2), int), "l1_low l1_high").isel(y=0)
     ax = jk.plot.section(data)
     assert [tick.get_text() for tick in ax.get_yticklabels()] == ["$l_{1}$ low", "$l_{1}$ high"]
+
+
+def test_categories_over_one_axis_stand_at_equal_distances():
+    values = np.repeat([5, 0, 19], 6)[:, None] * np.ones((1, 2), int)
+    data = categories(values, " ".join(f"l{k}_low" for k in range(20))).isel(y=0)
+    ax = jk.plot.section(data)
+    np.testing.assert_array_equal(ax.get_yticks(), [0, 1, 2])
+    assert [tick.get_text() for tick in ax.get_yticklabels()] == [f"$l_{{{k}}}$ low" for k in (0, 5, 19)]
+    np.testing.assert_array_equal(ax.lines[0].get_ydata(), np.repeat([1, 0, 2], 6))
+
+
+# --- slices of maps -----------------------------------------------------------------------------------------
+
+
+def colour_bar(ax):
+    """Returns the label beside a picture, which must be within the figure."""
+    ax.figure.canvas.draw()
+    (label,) = (panel.yaxis.label for panel in ax.figure.axes if panel is not ax)
+    box, figure = label.get_window_extent(), ax.figure.bbox
+    assert figure.y0 <= box.y0 < box.y1 <= figure.y1
+    assert figure.x0 <= box.x0 < box.x1 <= figure.x1
+    return label.get_text().replace("\n", " ")
+
+
+def test_a_slice_of_margins_names_its_limit():
+    data = jk.sweep(TLPM, "limit_margins", jk.Grid(x=(-300.0, 300.0, 8), y=(-300.0, 300.0, 9), z=0.0))
+    for chosen in (data.sel(limit="theta12_low"), data.sel(limit="theta12_low").limit_margins):
+        ax = jk.plot.section(chosen)
+        assert ax.get_title() == "$z$ = 0\nlimit: $\\theta_{12}$ low"
+        assert colour_bar(ax).startswith("signed distance to each limit, negative outside")
+    with pytest.raises(jk.InputError, match=r"limit, x, y.*\.sel\(limit='l1_low'\)\.") as caught:
+        jk.plot.section(data)
+    assert "branch" not in str(caught.value)
+    # Labels are no axis of a picture.
+    with pytest.raises(jk.InputError, match=r"\.sel\(limit='l1_low'\)\."):
+        jk.plot.section(data.isel(x=0))
+
+
+def test_a_slice_of_branches_names_branch_and_coordinate_and_has_its_unit():
+    coordinate = ["x", "theta"]
+    units = {"units": "x: length, theta: rad", "long_name": "poses of the assembly modes"}
+    values = np.linspace(0.1, 1.0, 2 * 2 * 5 * 6).reshape(2, 2, 5, 6)
+    coords = {"branch": ["R22 > 0", "R22 < 0"], "forward_coordinate": coordinate}
+    coords |= {"rho1y": np.linspace(0, 1, 5), "rho2y": np.linspace(0, 1, 6)}
+    data = xarray.DataArray(values, coords, list(coords), name="forward_branches", attrs=units)
+    ax = jk.plot.section(data.isel(branch=1).sel(forward_coordinate="theta"))
+    assert ax.get_title() == r"branch: $R_{22}$ < 0,  forward coordinate: $\theta$"
+    assert colour_bar(ax) == "poses of the assembly modes (rad)"
+    ax = jk.plot.section(data.isel(branch=1).sel(forward_coordinate="x"))
+    assert colour_bar(ax) == "poses of the assembly modes (length)"
+    with pytest.raises(jk.InputError, match=r"\.sel\(branch='R22 > 0'\)\.sel\(forward_coordinate='x'\)"):
+        jk.plot.section(data)
 
 
 @pytest.mark.slow

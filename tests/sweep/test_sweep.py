@@ -41,6 +41,7 @@ def test_branches_are_the_branches_of_forward(robot, low, high):
     assert list(data.forward_coordinate.values) == ["x", "y", "phi"]
 
 
+@pytest.mark.slow
 def test_general_count_agrees_with_analytic_count():
     general = jk.mechanisms.rpr3.general(1.0, 0.0, 1.0, 1.0, 1.0, -np.pi / 2)
     grid = jk.Grid(rho1=(0.013, 4.0, 12), rho2=1.0, rho3=(0.027, 4.0, 12))
