@@ -70,3 +70,19 @@ def test_a_map_of_what_binds(run, tmp_path):
     assert sum(numbers["shares"].values()) + numbers["none"] == pytest.approx(1)
     assert "L13-L23" in numbers["shares"]
     assert (tmp_path / "map" / "map.png").exists()
+
+
+def test_limits_that_no_status_knows_are_named_beside_the_solution(run):
+    code, out, _ = run("inverse", "ppps3", *"000000", "--limit", "rho1x=1:2", "--json")
+    assert code == 0
+    (solution,) = json.loads(out)["solutions"]
+    assert (solution["status"], solution["violated"]) == ("ok", "rho1x_low")
+    code, out, _ = run("inverse", "tlpm", "0", "0", "-1100")
+    assert code == 0
+    assert "violated: theta11_low theta21_low theta31_low" in out
+
+
+def test_several_numbers_are_written_with_colons(run):
+    code, _, err = run("forward", "tlpm", "0", "0", "0", "--set", "elbows=1,-1,1")
+    assert code == 2
+    assert "1:-1:1" in err

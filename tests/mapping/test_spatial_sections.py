@@ -20,6 +20,7 @@ def factors_squared(joints):
     return 1 - 4 / 3 * (m2**2 - m2 * m3 + m3**2), 1 - (m2 - m3) ** 2 - p**2
 
 
+@pytest.mark.slow
 def test_every_curve_of_the_3_ppps_lies_on_its_conic(section):
     _, curves = section
     assert sorted(curve.label for curve in curves) == ["R22", "R22", "R33", "R33"]
@@ -31,6 +32,7 @@ def test_every_curve_of_the_3_ppps_lies_on_its_conic(section):
         assert np.all(np.abs(curve.poses[:, 4]) <= np.pi / 2)
 
 
+@pytest.mark.slow
 def test_the_curves_of_the_3_ppps_cover_both_conics_where_poses_are_real(section):
     """On R33 = 0 the section has the ellipse's part with b >= 0, on R22 = 0 two segments m2 - m3 = +-sqrt(1 - p^2)."""
     _, curves = section
@@ -52,6 +54,7 @@ def test_the_curves_of_the_3_ppps_cover_both_conics_where_poses_are_real(section
         assert np.max(gap) < 0.03
 
 
+@pytest.mark.slow
 def test_the_two_factors_cross_at_four_joint_points(section):
     _, curves = section
     a, b = factors_squared(curves.crossings.joints)
@@ -64,6 +67,7 @@ def test_the_two_factors_cross_at_four_joint_points(section):
     assert {(round(float(q[3]), 9), round(float(q[5]), 9)) for q in curves.crossings.joints} == expected
 
 
+@pytest.mark.slow
 def test_no_configuration_is_listed_twice(section):
     """Every pose has two Euler triples; each curve is listed by one of them."""
     robot, curves = section
