@@ -44,7 +44,7 @@ def checked_vector(who: str, what: str, value: ArrayLike, axes: tuple[Axis, ...]
     names = ", ".join(axis.name for axis in axes)
     array = as_reals(value)
     if array is None:
-        raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} real numbers ({names}).")
+        raise InputError(f"{who}: {what} is {value!r}; it must be {len(axes)} numbers ({names}), real ones.")
     if array.shape != (len(axes),):
         remedy = ""
         if array.ndim > 1 and array.shape[-1] == len(axes):
