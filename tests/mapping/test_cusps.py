@@ -157,6 +157,7 @@ def around(joints, axis, radius, n):
     return joints + radius * np.insert(np.stack([np.cos(angle), np.sin(angle)], axis=1), axis, 0.0, axis=1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "radius"),
     [

@@ -88,6 +88,7 @@ def test_a_section_in_gimbal_lock_is_refused_with_a_remedy():
         jk.singular_curves(robot, grid)
 
 
+@pytest.mark.slow
 def test_the_tlpm_is_singular_over_a_section_where_z_is_minus_h():
     robot = jk.mechanisms.tlpm.create(stroke=(-700, 400))
     grid = jk.Grid(l1=(-700.0, 300.0, 200), l2=-100.0, l3=(-700.0, 300.0, 200))

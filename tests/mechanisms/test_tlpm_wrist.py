@@ -422,6 +422,7 @@ def test_overhang_makes_the_links_longer(pose, quaternion, elbows, overhang):
 # --- derivatives ------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_derivatives_are_difference_quotients():
     rng = np.random.default_rng(11)
 
