@@ -75,7 +75,7 @@ class PPPS3(Mechanism):
     )
     joint_axes = tuple(Axis(name, "length") for name in _ACTUATED)
     max_branches = 4
-    forward_block: ClassVar[int] = 1 << 12
+    forward_block: ClassVar[int] = 1 << 13
     covered: ClassVar[tuple[str, ...]] = ("theta",)
     forward_labels: ClassVar[tuple[str, ...]] = tuple(
         f"R22 {'>' if s22 > 0 else '<'} 0, R33 {'>' if s33 > 0 else '<'} 0" for s22, s33 in _ppps3_forward.SIGNS

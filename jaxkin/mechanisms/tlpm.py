@@ -82,7 +82,7 @@ class TLPM(Mechanism):
     pose_axes = (Axis("x", "mm"), Axis("y", "mm"), Axis("z", "mm"))
     joint_axes = (Axis("l1", "mm"), Axis("l2", "mm"), Axis("l3", "mm"))
     max_branches = 2
-    forward_block: ClassVar[int] = 1 << 14
+    forward_block: ClassVar[int] = 1 << 15
     forward_labels: ClassVar[tuple[str, ...]] = ("upper, z > -h", "lower, z < -h")
 
     base_radius: Array
