@@ -1,9 +1,8 @@
 """What is found out about a workspace: its volume, its boundary as patches, and what other conditions leave of it."""
 
 import json
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any, ClassVar
 
 import jax
 import numpy as np
@@ -12,6 +11,7 @@ from jax import Array
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import identity
 from jaxkin.core.tracing import is_traced
+from jaxkin.mapping.named import NamedParts
 
 
 @jax.tree_util.register_dataclass
@@ -100,7 +100,7 @@ class WorkspacePatch:
 
 
 @dataclass(frozen=True, eq=False)
-class WorkspaceSurfaces(Sequence[WorkspacePatch]):
+class WorkspaceSurfaces(NamedParts[WorkspacePatch]):
     """The boundary of one branch of a workspace.
 
     Attributes:
@@ -120,26 +120,12 @@ class WorkspaceSurfaces(Sequence[WorkspacePatch]):
     pose_names: tuple[str, ...]
     units: dict[str, str]
 
-    @overload
-    def __getitem__(self, index: int | str) -> WorkspacePatch: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[WorkspacePatch, ...]: ...
-    def __getitem__(self, index: int | str | slice) -> WorkspacePatch | tuple[WorkspacePatch, ...]:
-        """Returns one patch, by number or name, or a tuple of them."""
-        if isinstance(index, str):
-            for patch in self.patches:
-                if patch.name == index:
-                    return patch
-            raise KeyError(f"{index!r}: the patches are {', '.join(repr(p.name) for p in self.patches) or 'none'}.")
-        return self.patches[index]
+    kind: ClassVar[str] = "patches"
 
-    def __len__(self) -> int:
-        """Number of patches."""
-        return len(self.patches)
-
-    def __iter__(self) -> Iterator[WorkspacePatch]:
-        """Runs over the patches."""
-        return iter(self.patches)
+    @property
+    def parts(self) -> tuple[WorkspacePatch, ...]:
+        """The patches."""
+        return self.patches
 
     @property
     def area(self) -> float:

@@ -228,6 +228,15 @@ def tells_factors(robot: Mechanism) -> bool:
     return hasattr(robot, "chart_factors")
 
 
+def factor_names(robot: Mechanism) -> tuple[str, ...]:
+    """Returns the names of the factors that a mechanism declares, in its order."""
+    names: list[str] = []
+    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
+    # Collected inside the trace: a dict that comes out of one has its keys sorted.
+    jax.eval_shape(lambda r, x: names.extend(r.factors(x)), robot, pose)  # type: ignore[attr-defined]
+    return tuple(names)
+
+
 def picked(rows: Array, values: Array) -> Array:
     """Returns rows @ values, written out so that it fuses."""
     return sum((rows[:, j] * values[j] for j in range(rows.shape[1])), start=jnp.zeros(rows.shape[0]))

@@ -12,7 +12,7 @@ from jaxkin.mapping import search
 from jaxkin.mapping.assembly import Arc
 from jaxkin.mapping.batch import over_points
 from jaxkin.mapping.chart import Chart, SectionData
-from jaxkin.mapping.section import Section, factor_names
+from jaxkin.mapping.section import Section, traced_factors
 from jaxkin.mapping.tracing import Traced
 from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.newton import polish
@@ -37,7 +37,7 @@ def meetings(section: Section, traced: list[Traced]) -> Meetings:
     """Finds the crossings of curves of different factors, by changes of sign along the curves, polished on both."""
     shared = [np.zeros(len(part.arcs), bool) for part in traced]
     points = np.zeros((0, section.chart.dimension))
-    for j, k in itertools.combinations(range(len(factor_names(section.robot))), 2):
+    for j, k in itertools.combinations(range(len(traced_factors(section.robot))), 2):
         for own, other, number in ((j, k, 0), (k, j, 1)):
             guesses = []
             for place, arc in enumerate(traced[own].arcs):
@@ -69,7 +69,7 @@ def _changes(section: Section, arc: Arc, values: np.ndarray) -> np.ndarray:
 
 
 def _polished(section: Section, guesses: np.ndarray, pair: tuple[int, int]) -> np.ndarray:
-    pairs = np.tile(np.eye(len(factor_names(section.robot)))[list(pair)], (len(guesses), 1, 1))
+    pairs = np.tile(np.eye(len(traced_factors(section.robot)))[list(pair)], (len(guesses), 1, 1))
     u, residual, margin = over_points(_both, section.chart, section.data, guesses, pairs)
     return u[(residual <= TOLERANCES.residual) & (margin >= -search.EDGE_SLACK)]
 

@@ -1,13 +1,13 @@
 """What singular surfaces are made of: triangles, glued faces, crossing curves."""
 
 import json
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, overload
+from typing import Any, ClassVar
 
 import numpy as np
 
 from jaxkin.mapping import _isosurface
+from jaxkin.mapping.named import NamedParts
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +64,7 @@ class CrossingCurve:
 
 
 @dataclass(frozen=True, eq=False)
-class SingularSurfaces(Sequence[Surface]):
+class SingularSurfaces(NamedParts[Surface]):
     """All singular surfaces in a box of the workspace.
 
     Attributes:
@@ -84,26 +84,12 @@ class SingularSurfaces(Sequence[Surface]):
     units: dict[str, str]
     glued: tuple[str, ...]
 
-    @overload
-    def __getitem__(self, index: int | str) -> Surface: ...
-    @overload
-    def __getitem__(self, index: slice) -> tuple[Surface, ...]: ...
-    def __getitem__(self, index: int | str | slice) -> Surface | tuple[Surface, ...]:
-        """Returns one surface, by number or name, or a tuple of them."""
-        if isinstance(index, str):
-            for surface in self.surfaces:
-                if surface.name == index:
-                    return surface
-            raise KeyError(f"{index!r}: the surfaces are {', '.join(repr(s.name) for s in self.surfaces) or 'none'}.")
-        return self.surfaces[index]
+    kind: ClassVar[str] = "surfaces"
 
-    def __len__(self) -> int:
-        """Number of surfaces."""
-        return len(self.surfaces)
-
-    def __iter__(self) -> Iterator[Surface]:
-        """Runs over the surfaces."""
-        return iter(self.surfaces)
+    @property
+    def parts(self) -> tuple[Surface, ...]:
+        """The surfaces."""
+        return self.surfaces
 
     @property
     def residual(self) -> float:

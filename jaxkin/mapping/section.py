@@ -13,7 +13,7 @@ from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_single
 from jaxkin.mapping.batch import BLOCK, over_points
-from jaxkin.mapping.chart import Chart, SectionData, chart_of, tells_factors
+from jaxkin.mapping.chart import Chart, SectionData, chart_of, factor_names, tells_factors
 from jaxkin.numerics.newton import descend, lattice
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
 
@@ -59,7 +59,7 @@ class Section:
 
     def sheets(self) -> "tuple[Section, ...]":
         """Returns the section once for every factor of det A that is traced by itself; mostly once."""
-        names = factor_names(self.robot)
+        names = traced_factors(self.robot)
         picks = np.eye(len(names)) if names else np.zeros((1, 0))
         return tuple(replace(self, data=self.data._replace(factor=jnp.asarray(pick))) for pick in picks)
 
@@ -76,15 +76,9 @@ class Section:
         )
 
 
-def factor_names(robot: Mechanism) -> tuple[str, ...]:
+def traced_factors(robot: Mechanism) -> tuple[str, ...]:
     """Returns the names of the factors that are traced one by one, where the mechanism tells them apart."""
-    if not tells_factors(robot):
-        return ()
-    names: list[str] = []
-    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
-    # Collected inside the trace: a dict that comes out of one has its keys sorted.
-    jax.eval_shape(lambda r, x: names.extend(r.factors(x)), robot, pose)  # type: ignore[attr-defined]
-    return tuple(names)
+    return factor_names(robot) if tells_factors(robot) else ()
 
 
 def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
@@ -195,7 +189,7 @@ def _numbers(
         free_unit=scale_vector(robot.joint_axes, length)[jnp.array(free)],
         row_scale=row_scale,
         matrix_scale=row_scale,
-        factor=jnp.ones(len(factor_names(robot))),
+        factor=jnp.ones(len(traced_factors(robot))),
         low=jnp.asarray(low),
         high=jnp.asarray(high),
     )

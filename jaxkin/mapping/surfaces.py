@@ -20,7 +20,7 @@ from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.kinematics.solve import inverse_lanes
 from jaxkin.mapping import _isosurface
 from jaxkin.mapping.batch import in_blocks
-from jaxkin.mapping.chart import tells_factors
+from jaxkin.mapping.chart import factor_names, tells_factors
 from jaxkin.mapping.meshes import CrossingCurve, SingularSurfaces, Surface
 from jaxkin.numerics import bracket
 from jaxkin.numerics.small_linalg import expanded_determinant, pivoted_solve
@@ -182,11 +182,7 @@ def _factored(robot: Mechanism) -> bool:
 def _names(robot: Mechanism, count: int) -> list[str]:
     if not _factored(robot):
         return ["det"] if count == 1 else [f"det, working mode {k}" for k in range(count)]
-    names: list[str] = []
-    pose = jax.ShapeDtypeStruct((len(robot.pose_axes),), float)
-    # Collected inside the trace: a dict that comes out of one has its keys sorted.
-    jax.eval_shape(lambda r, x: names.extend(r.factors(x)), robot, pose)
-    return names
+    return list(factor_names(robot))
 
 
 def _in_blocks(function: Callable[..., Array], *columns: np.ndarray) -> np.ndarray:

@@ -151,13 +151,16 @@ def _lane_count(robot: Mechanism, forward: bool) -> int:
     return len(jax.eval_shape(forward_lanes if forward else inverse_lanes, robot, given))
 
 
+def _codes(lanes: tuple[Lane, ...]) -> list[Array]:
+    """Returns status and multiplicity in one byte: every output that XLA need not write costs it a loop less."""
+    return [lane.status.astype(jnp.uint8) | (lane.multiplicity.astype(jnp.uint8) << 4) for lane in lanes]
+
+
 def _branches_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordinates], tuple[Array, ...]]:
     def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
         lanes = solver(robot, coordinates)
         values = [value for lane in lanes for value in lane.values]
-        # Status and multiplicity share a byte: every output that XLA need not write costs it a loop less.
-        codes = [lane.status.astype(jnp.uint8) | (lane.multiplicity.astype(jnp.uint8) << 4) for lane in lanes]
-        return (*values, *codes)
+        return (*values, *_codes(lanes))
 
     return kernel
 
@@ -168,8 +171,7 @@ def _stacked_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordina
     def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
         shape = jnp.broadcast_shapes(*(jnp.shape(each) for each in coordinates))
         lanes = solver(robot, coordinates)
-        codes = [lane.status.astype(jnp.uint8) | (lane.multiplicity.astype(jnp.uint8) << 4) for lane in lanes]
-        columns = (*zip(*(lane.values for lane in lanes), strict=True), codes)
+        columns = (*zip(*(lane.values for lane in lanes), strict=True), _codes(lanes))
         return tuple(jnp.stack([jnp.broadcast_to(each, shape) for each in column]) for column in columns)
 
     return kernel
@@ -256,9 +258,7 @@ def _per_working_mode(
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
     def variables(robot: Mechanism) -> tuple[Variable, ...]:
-        modes = _lane_count(robot, False)
-        dims = (("branch", tuple(range(modes))),) if modes > 1 else ()
-        return (Variable(name, "float64", unit, long_name, dims, attrs=attrs),)
+        return (Variable(name, "float64", unit, long_name, _working_modes(robot), attrs=attrs),)
 
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
