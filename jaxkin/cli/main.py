@@ -30,10 +30,15 @@ def list_command(as_json: bool) -> None:
         click.echo(json.dumps({name: dataclasses.asdict(entry) for name, entry in CATALOGUE.items()}, indent=2))
         return
     for name, entry in CATALOGUE.items():
-        geometry = ", ".join(f"{key}={value:.12g}" for key, value in entry.geometry.items())
+        geometry = ", ".join(f"{key}={_written(value)}" for key, value in entry.geometry.items())
         click.echo(f"{name:14} {entry.title}\n{'':14} {geometry}  ({entry.source})")
         if entry.options:
             click.echo(f"{'':14} also " + ", ".join(f"{key} ({how})" for key, how in entry.options.items()))
+
+
+def _written(value: float | tuple[float, ...]) -> str:
+    """Returns geometry as ``--set`` takes it."""
+    return ":".join(f"{entry:.12g}" for entry in value) if isinstance(value, tuple) else f"{value:.12g}"
 
 
 cli.add_command(inverse_command)

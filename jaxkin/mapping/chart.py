@@ -1,7 +1,7 @@
-"""The equations of a section: what is unknown, what vanishes, what lies inside.
+"""The equations of a section or a box: what is unknown, what vanishes, what lies inside.
 
 A section frees two joints and fixes the others; the poses over it form a surface, on which det A = 0 (A = dF/dpose) is
-a curve. Unknown are the pose and those free joints that the pose does not give. A joint is *explicit* where one
+a curve. A box frees three: det A = 0 is a surface then, and the cusps on it form curves. Unknown are the pose and those free joints that the pose does not give. A joint is *explicit* where one
 equation gives it from the pose alone, as itself (a linear actuator) or as its square (a leg of length rho: the
 equation of |B - A|^2 - rho^2 stays smooth through rho = 0, where rho itself does not). For the 3-RPR both free legs are
 explicit: three unknowns, one equation of the fixed leg, and the determinant.
@@ -30,16 +30,17 @@ class SectionData(NamedTuple):
     Attributes:
         robot: The mechanism.
         fixed: ``(n_joint,)`` joint values, zero for the free ones.
-        free_joint: ``(2, n_joint)`` picks each free joint.
-        free_row: ``(2, n)`` picks the equation of each explicit joint; zeros for an unknown one.
+        free_joint: ``(k, n_joint)`` picks each of the k free joints.
+        free_row: ``(k, n)`` picks the equation of each explicit joint; zeros for an unknown one.
         kept_row: ``(n_rows, n)`` picks the equations that hold on the section.
         pose_unit: ``(n_pose,)`` one unit per pose axis.
-        free_unit: ``(2,)`` one unit per free joint.
+        free_unit: ``(k,)`` one unit per free joint.
         row_scale: ``(n,)`` magnitude of each equation's terms.
         matrix_scale: ``(n,)`` magnitude of each row of A, for poses in their units.
-        factor: ``(n_factor,)`` picks the factor that stands for det A, where the mechanism declares ``chart_factors``.
-        low: ``(2,)`` lower ends of the free joints.
-        high: ``(2,)`` upper ends.
+        factor: ``(n_factor,)`` picks the factor that stands for det A, scaled to order one; empty where det A itself
+            is meant.
+        low: ``(k,)`` lower ends of the free joints.
+        high: ``(k,)`` upper ends.
     """
 
     robot: Mechanism
@@ -70,26 +71,26 @@ class Chart:
 
     Attributes:
         n_pose: Number of pose coordinates, and of equations.
-        kinds: UNKNOWN, LINEAR or SQUARE for each of the two free joints.
+        kinds: UNKNOWN, LINEAR or SQUARE for each of the free joints.
     """
 
     n_pose: int
-    kinds: tuple[int, int]
+    kinds: tuple[int, ...]
 
     @property
     def unknown(self) -> tuple[int, ...]:
-        """Which of the two free joints are unknowns."""
+        """Which of the free joints are unknowns."""
         return tuple(k for k, kind in enumerate(self.kinds) if kind == UNKNOWN)
 
     @property
     def dimension(self) -> int:
-        """Number of unknowns; there are two more of them than equations of the section."""
+        """Number of unknowns; there are as many more of them than equations as there are free joints."""
         return self.n_pose + len(self.unknown)
 
     @property
     def n_rows(self) -> int:
         """Number of equations that hold on the section, those of explicit joints left out."""
-        return self.dimension - 2
+        return self.dimension - len(self.kinds)
 
     def configuration(self, data: SectionData, u: Array) -> tuple[Array, Array]:
         """Returns pose and joints, explicit joints at zero."""
@@ -115,10 +116,10 @@ class Chart:
     def determinant(self, data: SectionData, u: Array) -> Array:
         """Returns det A, dimensionless, a polynomial of the entries.
 
-        Where the mechanism tells singularities of its pose coordinates apart, one of the other factors instead: det A
-        vanishes to second order at a gimbal lock, along curves that are no singularity of the robot.
+        Where one factor is picked, that instead. A mechanism that tells singularities of its pose coordinates apart
+        needs this: det A vanishes to second order at a gimbal lock, along curves that are no singularity of the robot.
         """
-        if tells_factors(data.robot):
+        if data.factor.shape[0] > 0:
             return jnp.dot(data.factor, self.factors(data, u))
         return expanded_determinant(self.matrix(data, u))
 
@@ -132,13 +133,13 @@ class Chart:
         Rows are of order one; a leg of zero length has a row of zeros, and each counts as 0.01 at least. A factor that
         stands for det A is of order one itself.
         """
-        if tells_factors(data.robot):
+        if data.factor.shape[0] > 0:
             return jnp.ones(())
         matrix = self.matrix(data, u)
         return jnp.prod(jnp.maximum(jnp.sqrt(jnp.sum(matrix * matrix, axis=1)), 1e-2))
 
     def singular(self, data: SectionData, u: Array) -> Array:
-        """Returns the equations of the singular curve: section and determinant."""
+        """Returns the equations of the singular set: section and determinant."""
         return jnp.append(self.section(data, u), self.determinant(data, u))
 
     @partial(jax.jit, static_argnums=0)
@@ -158,7 +159,7 @@ class Chart:
         return jax.jvp(partial(self.determinant, data), (u,), (direction,))[1]
 
     def cusp(self, data: SectionData, u: Array) -> Array:
-        """Returns the square system of cusps."""
+        """Returns the equations of cusps: points of a section (a square system), curves of a box."""
         return jnp.append(self.singular(data, u), self.fold_rate(data, u))
 
     def critical(self, data: SectionData, u_multipliers: Array) -> Array:
@@ -198,7 +199,7 @@ class Chart:
 
     @partial(jax.jit, static_argnums=0)
     def margins(self, data: SectionData, u: Array) -> Array:
-        """Returns four smooth functions, not negative inside the box: first axis low, high, then the second's.
+        """Returns smooth functions, not negative inside the box: first axis low, high, then the second's, and so on.
 
         Squares are compared with squares; a lower end at zero is no border for them, as no square is negative.
         """
@@ -242,7 +243,7 @@ def picked(rows: Array, values: Array) -> Array:
     return sum((rows[:, j] * values[j] for j in range(rows.shape[1])), start=jnp.zeros(rows.shape[0]))
 
 
-def chart_of(robot: Mechanism, free: tuple[int, int]) -> tuple[Chart, dict[str, np.ndarray]]:
+def chart_of(robot: Mechanism, free: tuple[int, ...]) -> tuple[Chart, dict[str, np.ndarray]]:
     """Finds which free joints the pose gives, from derivatives of the constraints at a few points.
 
     The constraints are polynomial in lengths, sines and cosines: a derivative that vanishes at points in general
@@ -255,10 +256,10 @@ def chart_of(robot: Mechanism, free: tuple[int, int]) -> tuple[Chart, dict[str, 
     at_zero, first, second, mixed = (np.asarray(part) for part in _derivatives(robot))
     scale = np.max(np.abs(first), axis=(0, 2), keepdims=True) + 1e-300
     involved = np.any(np.abs(first) > 1e-13 * scale, axis=0)
-    kinds, free_row = [UNKNOWN, UNKNOWN], np.zeros((2, n))
+    kinds, free_row = [UNKNOWN] * len(free), np.zeros((len(free), n))
     for k, joint in enumerate(free):
         rows = np.flatnonzero(involved[:, joint])
-        if len(rows) != 1 or involved[rows[0], free[1 - k]]:
+        if len(rows) != 1 or any(involved[rows[0], other] for other in free if other != joint):
             continue
         row, size = rows[0], float(np.max(np.abs(first[:, rows[0]])))
         if np.max(np.abs(mixed[:, row, joint])) > 1e-13 * size:
@@ -271,11 +272,11 @@ def chart_of(robot: Mechanism, free: tuple[int, int]) -> tuple[Chart, dict[str, 
         free_row[k, row] = 1.0 if kinds[k] != UNKNOWN else 0.0
     kept = np.flatnonzero(np.sum(free_row, axis=0) == 0)
     picks = {"free_joint": np.eye(n)[list(free)], "free_row": free_row, "kept_row": np.eye(n)[kept]}
-    return _chart(n, (kinds[0], kinds[1])), picks
+    return _chart(n, tuple(kinds)), picks
 
 
 @cache
-def _chart(n_pose: int, kinds: tuple[int, int]) -> Chart:
+def _chart(n_pose: int, kinds: tuple[int, ...]) -> Chart:
     """One object a structure: kernels are compiled for its bound methods, which are equal only if the object is one."""
     return Chart(n_pose, kinds)
 

@@ -1,4 +1,4 @@
-"""Sections: a grid with two free joints, bound to a mechanism and checked."""
+"""Sections and boxes: a grid with two or three free joints, bound to a mechanism and checked."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -23,7 +23,7 @@ PARTS = 4
 
 @dataclass(frozen=True)
 class Section:
-    """A section of the joint space, ready for computation.
+    """A section of the joint space (two free joints) or a box (three), ready for computation.
 
     Attributes:
         robot: The mechanism.
@@ -81,25 +81,31 @@ def traced_factors(robot: Mechanism) -> tuple[str, ...]:
     return factor_names(robot) if tells_factors(robot) else ()
 
 
-def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
-    """Fits a section to a mechanism.
+#: What a grid with so many free joints is called.
+_KINDS = {2: "section", 3: "box"}
+_NUMBERS = {2: "two", 3: "three"}
+
+
+def bind_section(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> Section:
+    """Fits a section to a mechanism, or a box where three joints are free.
 
     Raises:
         PrecisionError: float64 is not enabled.
-        InputError: No mechanism or grid; an axis is unknown or missing; not exactly two are free; a joint is
+        InputError: No mechanism or grid; an axis is unknown or missing; not exactly ``free`` are free; a joint is
             fixed outside its limits or at a length of zero; a free joint's range misses its limits; no pose
             reaches the section.
         GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
     """
     checked_single(who, robot)
+    kind, number = _KINDS[free], _NUMBERS[free]
     if not isinstance(grid, Grid):
-        raise InputError(f"{who} got {grid!r} as its section: pass a jaxkin.Grid with two free joint axes.")
+        raise InputError(f"{who} got {grid!r} as its {kind}: pass a jaxkin.Grid with {number} free joint axes.")
     bound = grid.bind(robot.joint_axes, "joint")
-    if len(bound.free) != 2:
+    if len(bound.free) != free:
         raise InputError(
-            f"{who}: the section has {len(bound.free)} free joint ax{'is' if len(bound.free) == 1 else 'es'} "
-            f"({', '.join(robot.joint_axes[k].name for k in bound.free)}): a section needs exactly two; "
-            f"{'free another axis' if len(bound.free) < 2 else 'fix the others at numbers'}."
+            f"{who}: the {kind} has {len(bound.free)} free joint ax{'is' if len(bound.free) == 1 else 'es'} "
+            f"({', '.join(robot.joint_axes[k].name for k in bound.free)}): a {kind} needs exactly {number}; "
+            f"{'free another axis' if len(bound.free) < free else 'fix the others at numbers'}."
         )
     if not bool(np.all(robot.geometry_ok())):
         raise GeometryError(
@@ -107,7 +113,7 @@ def bind_section(who: str, robot: Mechanism, grid: Grid) -> Section:
             "which names what is wrong."
         )
     low, high, middle = _ranges(who, robot, bound)
-    chart, picks = chart_of(robot, (bound.free[0], bound.free[1]))
+    chart, picks = chart_of(robot, bound.free)
     data = _numbers(robot, bound, picks, low, high, middle)
     _check_fixed(who, robot, bound)
     starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))

@@ -28,7 +28,7 @@ class Entry:
     title: str
     module: str
     constructor: str
-    geometry: dict[str, float]
+    geometry: dict[str, float | tuple[float, ...]]
     source: str
     options: dict[str, str] = field(default_factory=dict)
 
@@ -74,6 +74,13 @@ CATALOGUE: dict[str, Entry] = {
             "elbows": "e1:e2:e3, each 1 or -1",
         },
     ),
+    "five-bar": Entry(
+        title="five-bar RR-RRR, a point in the plane by two cranks",
+        module="jaxkin.mechanisms.five_bar",
+        constructor="create",
+        geometry={"base": 9.0, "proximal": (8.0, 8.0), "distal": (5.0, 5.0)},
+        source="Chablat and Wenger 1998 (dimensions as quoted in later papers)",
+    ),
 }
 
 
@@ -93,7 +100,8 @@ def create(name: str, **changes: float | tuple[float, ...]) -> "Mechanism":
         if key not in (*entry.geometry, *entry.options):
             names = ", ".join((*entry.geometry, *entry.options))
             raise InputError(f"Mechanism {name!r} has no geometry {key!r}: choose among {names}.")
-        if key in entry.geometry and isinstance(changes[key], tuple):
-            raise InputError(f"The geometry {key!r} of {name!r} is one number; got {changes[key]}.")
+        default, given = entry.geometry.get(key), changes[key]
+        if default is not None and isinstance(given, tuple) and not isinstance(default, tuple):
+            raise InputError(f"The geometry {key!r} of {name!r} is one number; got {given}.")
     constructor = getattr(importlib.import_module(entry.module), entry.constructor)
     return constructor(**{**entry.geometry, **changes})
