@@ -16,7 +16,8 @@ from jax import Array
 
 from jaxkin.mechanisms import ppps3
 from jaxkin.papers import _cbjr2018_print as printed
-from jaxkin.papers.report import Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Table
 
 #: Primitives by the columns of the table.
 _KINDS: dict[str, str] = {

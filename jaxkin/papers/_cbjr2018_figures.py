@@ -16,8 +16,9 @@ from jaxkin.mechanisms import ppps3_closed_forms as closed
 from jaxkin.papers import _cbjr2018_print as printed
 from jaxkin.papers._cbjr2018_equations import SEED
 from jaxkin.papers._samples import ROUNDING
-from jaxkin.papers.report import Check, Part, Picture, count_check
+from jaxkin.papers.report import Check, Part, count_check
 from jaxkin.plot import style
+from jaxkin.reports.document import Picture
 
 _RIGHT = math.pi / 2
 #: Steps of the drawn surfaces along a turn.

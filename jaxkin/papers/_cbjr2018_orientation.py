@@ -15,7 +15,8 @@ from jaxkin.papers import _cbjr2018_print as printed
 from jaxkin.papers._cbjr2018_equations import SEED
 from jaxkin.papers._cbjr2018_route import feasibility
 from jaxkin.papers._samples import ROUNDING, SAMPLES, at_random, off_by
-from jaxkin.papers.report import Check, Part, Picture, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Picture, Table
 
 _WHERE = "section 4 [ours]"
 

@@ -16,7 +16,8 @@ from jaxkin.mechanisms import ppps3
 from jaxkin.papers import _cbjr2018_print as printed
 from jaxkin.papers._cbjr2018_equations import SEED
 from jaxkin.papers._samples import ROUNDING, at_random, off_by
-from jaxkin.papers.report import Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Table
 
 #: Joints at which all candidates are tried; they stay off the singularities, where solutions coincide.
 _JOINTS, _MARGIN = 200, 0.02

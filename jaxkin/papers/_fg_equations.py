@@ -10,7 +10,8 @@ import jaxkin as jk
 from jaxkin.mechanisms import tlpm
 from jaxkin.papers import _fg_print as printed
 from jaxkin.papers._samples import ROUNDING, SAMPLES, at_random, off_by
-from jaxkin.papers.report import Cell, Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Cell, Table
 
 SEED = 7
 #: L and h of the examples, mm: h follows from Table 1, L is ours.

@@ -16,7 +16,8 @@ from jaxkin.mechanisms import _tlpm_wrist, tlpm
 from jaxkin.papers import _fg_print as printed
 from jaxkin.papers._fg_equations import HEIGHT, RADIUS, SEED
 from jaxkin.papers._samples import ROUNDING
-from jaxkin.papers.report import Check, Part, Picture, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Picture, Table
 
 #: Where p stands in the counterpart of Fig. 4, on the singular plane.
 _LEVEL = (120.0, 80.0, -HEIGHT)

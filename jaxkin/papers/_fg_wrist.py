@@ -11,7 +11,8 @@ from jaxkin.mechanisms import _tlpm_wrist, tlpm
 from jaxkin.papers import _fg_print as printed
 from jaxkin.papers._fg_equations import HEIGHT, RADIUS, SEED
 from jaxkin.papers._samples import ROUNDING, SAMPLES, at_random, off_by
-from jaxkin.papers.report import Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Table
 
 #: The points |x|, |y|, |z| <= 200 mm in which the error of (23) is stated: a grid with its corners.
 _REACH, _GRID = 200.0, 21

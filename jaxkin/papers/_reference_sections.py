@@ -15,7 +15,8 @@ import jaxkin as jk
 from jaxkin.mechanisms import rpr3
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._wc2009_sections import SAMPLES
-from jaxkin.papers.report import Check, Part, Picture, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Picture, Table
 
 #: The sections, and where their axes end: beyond the reach of legs 2 and 3, so that the curves close.
 _SECTIONS, _HIGH = (14.98, 17.0), 52.0

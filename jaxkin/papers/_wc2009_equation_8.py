@@ -7,7 +7,8 @@ from jaxkin.mechanisms import rpr3, rpr3_closed_forms
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._compiled import cusp_edges, section_cusps
 from jaxkin.papers._samples import ROUNDING, SAMPLES, SEED, at_random, off_by, random_geometries
-from jaxkin.papers.report import Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Table
 
 
 def cusp_equation() -> Part:

@@ -13,7 +13,8 @@ from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._compiled import counts_at, forms_at
 from jaxkin.papers._samples import ROUNDING, SAMPLES, SEED, at_random, off_by, random_geometries, random_poses
 from jaxkin.papers._wc2009_equation_8 import cusp_equation
-from jaxkin.papers.report import Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Table
 
 
 def equations() -> Part:

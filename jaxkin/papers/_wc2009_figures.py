@@ -9,7 +9,8 @@ from jaxkin.mechanisms import rpr3
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._compiled import forms_at
 from jaxkin.papers._wc2009_sections import SAMPLES, reach, ring_check, section_part
-from jaxkin.papers.report import Check, Part, Picture, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Picture
 
 
 def figure_2() -> Part:

@@ -9,7 +9,8 @@ from jaxkin.mechanisms import rpr3_closed_forms
 from jaxkin.mechanisms.rpr3 import AnalyticRPR3
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._compiled import counts_at, forms_at, section_cusps
-from jaxkin.papers.report import Check, Part, Picture, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Picture
 
 #: Samples a side of the counts that colour a section: as many as a printed figure can show.
 SAMPLES = 800

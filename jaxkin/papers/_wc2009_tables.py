@@ -7,7 +7,8 @@ from jaxkin.mechanisms import rpr3
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._compiled import cusp_edges, section_cusps
 from jaxkin.papers._wc2009_sections import closed_form_cusps, printed_cusps, reach
-from jaxkin.papers.report import Cell, Check, Part, Table, count_check
+from jaxkin.papers.report import Check, Part, count_check
+from jaxkin.reports.document import Cell, Table
 
 _SIX = 3 * np.sqrt(3.0)
 #: The cusp edges of the example, exactly: phi in degrees, rho1^2 - rho2^2, rho1^2 - rho3^2.

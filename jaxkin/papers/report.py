@@ -1,18 +1,12 @@
 """What a reproduction is made of: checks, tables and pictures, and the report that sums them up."""
 
-import csv
-import io
 import json
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-
-Cell = str | float | int | None
+from jaxkin.reports.document import Picture, Table, markdown_table, strict
 
 
 @dataclass(frozen=True)
@@ -48,66 +42,6 @@ class Check:
 def count_check(key: str, source: str, what: str, printed: int, got: int, note: str = "") -> Check:
     """Returns a check of a whole number, which must agree exactly."""
     return Check(key, source, what, str(printed), str(got), float(abs(printed - got)), 0.0, note)
-
-
-@dataclass(frozen=True)
-class Table:
-    """A table.
-
-    Attributes:
-        title: What it shows.
-        header: Names of the columns.
-        rows: Numbers and texts; None is an empty cell.
-    """
-
-    title: str
-    header: tuple[str, ...]
-    rows: Sequence[Sequence[Cell]]
-
-    def csv(self) -> str:
-        """Returns the table as CSV, floats with all their digits; None is an empty cell."""
-        buffer = io.StringIO()
-        writer = csv.writer(buffer, lineterminator="\n")
-        writer.writerow(self.header)
-        writer.writerows(self.rows)
-        return buffer.getvalue()
-
-    def markdown(self) -> str:
-        """Returns the table as Markdown, floats to 12 digits."""
-        return markdown_table(self.header, [[_text(cell) for cell in row] for row in self.rows])
-
-
-def markdown_table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Returns a Markdown table; a bar within a cell is escaped."""
-    lines = [list(header), ["---"] * len(header), *rows]
-    return "".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |\n" for line in lines)
-
-
-def _text(cell: Cell) -> str:
-    return "" if cell is None else f"{cell:.12g}" if isinstance(cell, float) else str(cell)
-
-
-@dataclass(frozen=True)
-class Picture:
-    """A figure with its caption."""
-
-    figure: Figure
-    caption: str
-
-    @classmethod
-    def of(cls, axes: Axes | np.ndarray, caption: str) -> "Picture":
-        """Returns the whole figure of Axes, or of an array of them."""
-        figure = np.ravel(np.asarray(axes, dtype=object))[0].get_figure(root=True)
-        return cls(figure, caption)
-
-    def contents(self, name: str) -> dict[str, bytes]:
-        """Returns the files ``name.png`` and ``name.pdf``."""
-        files = {}
-        for suffix in ("png", "pdf"):
-            buffer = io.BytesIO()
-            self.figure.savefig(buffer, format=suffix, dpi=200)
-            files[f"{name}.{suffix}"] = buffer.getvalue()
-        return files
 
 
 @dataclass(frozen=True)
@@ -263,7 +197,7 @@ class Report:
             "settings": self.settings,
             "run_log": self.run_log,
         }
-        return json.dumps(_strict(content), indent=2, allow_nan=False)
+        return json.dumps(strict(content), indent=2, allow_nan=False)
 
 
 def _checks_table(part: Part, numbers: dict[str, int]) -> str:
@@ -292,12 +226,3 @@ def _errata_table(errata: Sequence[Erratum], numbers: dict[str, int]) -> str:
         how = erratum.how + (f" (no. {places})" if places else "")
         rows.append((erratum.where, erratum.says, erratum.right, how))
     return markdown_table(("where", "the paper says", "right is", "how that was checked"), rows)
-
-
-def _strict(value: Any) -> Any:
-    """Writes numbers that JSON lacks as text."""
-    if isinstance(value, dict):
-        return {key: _strict(entry) for key, entry in value.items()}
-    if isinstance(value, list | tuple):
-        return [_strict(entry) for entry in value]
-    return str(value) if isinstance(value, float) and value - value != 0 else value
