@@ -1,6 +1,7 @@
 """float64 for every test; property tests without deadlines and always with the same examples."""
 
 import gc
+import os
 
 import hypothesis
 import jax
@@ -19,6 +20,15 @@ def _memory_maps() -> int:
             return sum(1 for _ in file)
     except OSError:
         return 0
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _kernel_cache(tmp_path_factory):
+    """The command line moves the cache of this process to its own: to the one there is, or to one of these tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        folder = tmp_path_factory.getbasetemp() / "kernels"
+        patch.setenv("JAXKIN_CACHE_DIR", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(folder)))
+        yield
 
 
 @pytest.fixture(autouse=True, scope="module")

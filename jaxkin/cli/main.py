@@ -5,10 +5,13 @@ import sys
 import click
 
 from jaxkin import __version__
+from jaxkin.cli.analyse import analyse_command
 from jaxkin.cli.map import map_command
+from jaxkin.cli.path import path_command
 from jaxkin.cli.points import forward_command, inverse_command
 from jaxkin.cli.reproduce import reproduce_command
 from jaxkin.cli.sections import cusps_command, loci_command
+from jaxkin.cli.topology import aspects_command, regions_command
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -46,6 +49,10 @@ cli.add_command(forward_command)
 cli.add_command(map_command)
 cli.add_command(loci_command)
 cli.add_command(cusps_command)
+cli.add_command(aspects_command)
+cli.add_command(regions_command)
+cli.add_command(path_command)
+cli.add_command(analyse_command)
 cli.add_command(reproduce_command)
 
 

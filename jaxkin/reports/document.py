@@ -1,9 +1,9 @@
-"""What a report is made of: tables and pictures, and how they are written."""
+"""What a report is made of: chapters, tables and pictures, and how they are written."""
 
 import csv
 import io
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -71,6 +71,42 @@ class Picture:
             self.figure.savefig(buffer, format=suffix, dpi=200)
             files[f"{name}.{suffix}"] = buffer.getvalue()
         return files
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One question and its answer.
+
+    Attributes:
+        title: The question, as a heading.
+        text: Paragraphs.
+        pictures: By the name of their files.
+        tables: By the name of their files.
+        data: Whole results as JSON text, by the name of their files.
+    """
+
+    title: str
+    text: tuple[str, ...]
+    pictures: dict[str, Picture] = field(default_factory=dict)
+    tables: dict[str, Table] = field(default_factory=dict)
+    data: dict[str, str] = field(default_factory=dict)
+
+    def contents(self) -> dict[str, bytes]:
+        """Returns the chapter's files by name."""
+        files = {f"{name}.csv": table.csv().encode() for name, table in self.tables.items()}
+        files |= {f"{name}.json": (text + "\n").encode() for name, text in self.data.items()}
+        for name, picture in self.pictures.items():
+            files |= picture.contents(name)
+        return files
+
+    def markdown(self) -> str:
+        """Returns the chapter for a reader."""
+        blocks = [f"## {self.title}\n", *(f"{paragraph}\n" for paragraph in self.text)]
+        blocks += [f"![{p.caption}]({name}.png)\n\n{p.caption}\n" for name, p in self.pictures.items()]
+        blocks += [f"{t.title} (`{name}.csv`):\n\n{t.markdown()}" for name, t in self.tables.items()]
+        if self.data:
+            blocks.append("Data: " + ", ".join(f"`{name}.json`" for name in self.data) + "\n")
+        return "\n".join(blocks)
 
 
 def strict(value: Any) -> Any:

@@ -12,16 +12,6 @@ LIGHT = (
 )
 
 
-@pytest.fixture(scope="session")
-def cache(tmp_path_factory):
-    return str(tmp_path_factory.getbasetemp() / "cache")
-
-
-@pytest.fixture(autouse=True)
-def _cache(cache, monkeypatch):
-    monkeypatch.setenv("JAXKIN_CACHE_DIR", cache)
-
-
 @pytest.fixture
 def run(capsys):
     """Runs the command line in this process; returns exit code, output and errors."""

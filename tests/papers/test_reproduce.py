@@ -41,8 +41,7 @@ def files(report):
 
 
 @pytest.fixture
-def run(capsys, tmp_path, monkeypatch):
-    monkeypatch.setenv("JAXKIN_CACHE_DIR", str(tmp_path / "cache"))
+def run(capsys):
 
     def call(*arguments):
         with pytest.raises(SystemExit) as caught:

@@ -394,8 +394,7 @@ def test_tables_of_the_aspects_and_of_the_workspace(reproduction):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("name", "change"), [(PPPS3, "side=2.5"), (TLPM, "base_radius=834.386")])
-def test_the_command_writes_the_report(capsys, tmp_path, monkeypatch, name, change):
-    monkeypatch.setenv("JAXKIN_CACHE_DIR", str(tmp_path / "cache"))
+def test_the_command_writes_the_report(capsys, tmp_path, name, change):
     out = tmp_path / "paper"
     with pytest.raises(SystemExit) as caught:
         main(["reproduce", name, "--out", str(out), "--set", change])
