@@ -47,6 +47,18 @@ def test_the_mechanism_of_ones_own_does_what_the_readme_says():
     assert float(slope) == pytest.approx(2 / 3**0.5, rel=1e-12)
 
 
+def test_the_topology_example_gives_the_numbers_in_its_comments():
+    code = "import math\nimport jaxkin as jk\njk.enable_x64()\n" + block("topology", "python")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    count, change, area, cusps = printed.getvalue().splitlines()
+    assert count == "2"
+    assert change == "True True"
+    assert float(area) == pytest.approx(79.76484403, abs=1e-7)
+    assert cusps == "8"
+
+
 def test_the_spatial_example_gives_the_numbers_in_its_comments():
     code = "import jaxkin as jk, jax\njk.enable_x64()\n" + block("spatial", "python")
     printed = io.StringIO()

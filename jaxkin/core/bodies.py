@@ -1,4 +1,4 @@
-"""What a spatial mechanism looks like: lines, plates and points in space, for drawings."""
+"""What a mechanism looks like: lines, plates and points in space or in the plane, for drawings."""
 
 from typing import Literal, NamedTuple
 
@@ -9,11 +9,14 @@ Kind = Literal["base", "platform", "actuated", "passive", "link", "joint", "axis
 
 
 class Body(NamedTuple):
-    """One part of a mechanism in one pose; ``bodies(pose) -> tuple[Body, ...]`` makes a mechanism drawable in 3D.
+    """One part of a mechanism in one pose.
+
+    ``bodies(pose) -> tuple[Body, ...]`` makes a mechanism drawable in space, and ``linkage(pose, joints)``, the same
+    with points ``(k, 2)``, in the plane.
 
     Attributes:
         name: The paper's name of the part, such as ``"rho1y"`` or ``"L12"``.
-        points: ``(k, 3)`` corners of a line or a plate; a joint has one.
+        points: ``(k, 3)`` or ``(k, 2)`` corners of a line or a plate; a joint has one.
         kind: Its role.
         closed: True for a plate, whose last point is joined to the first.
         limb: Number of its limb, from 1, or None.

@@ -18,6 +18,9 @@ from jax import Array
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.numerics.newton import lattice
 
+#: Relative misses of a form that are rounding, and differences of constants.
+_FITS, _SAME = 1e-9, 1e-12
+
 
 class LegKind(IntEnum):
     """How an equation holds its joint."""
@@ -35,7 +38,7 @@ class Legs:
         rows: The equation that holds each joint.
         kinds: How it does.
         signs: Which signs the entry of B of each joint can have within the joint's limits: of a leg of length rho,
-            |B - A|^2 - rho^2, only -1, as rho >= 0.
+            |B - A|^2 - rho^2, only -1, as rho >= 0. Both where the poses decide it.
     """
 
     rows: tuple[int, ...]
@@ -67,7 +70,7 @@ def legs_of(robot: Mechanism) -> Legs | None:
     kinds, signs = [], []
     limits = robot.limit_values()
     for k, row in enumerate(rows):
-        fits = misses[:, :, row, k].max(axis=0) <= 1e-11
+        fits = misses[:, :, row, k].max(axis=0) <= _FITS
         if not fits.any():
             return None
         kind = LegKind(int(np.argmax(fits)))
@@ -79,18 +82,21 @@ def legs_of(robot: Mechanism) -> Legs | None:
 def _signs(kind, bends, vertices, slopes, limits, robot, k) -> tuple[int, ...]:  # type: ignore[no-untyped-def]
     """Returns the signs that a leg's entry of B can have within the limits, as far as all poses agree on it."""
     if kind == LegKind.LINEAR:
-        same = np.all(slopes > 0) or np.all(slopes < 0)
-        return (int(np.sign(slopes[0])),) if same else (1, -1)
-    spread = np.ptp(vertices) <= 1e-12 * (1 + np.max(np.abs(vertices)))
-    if kind == LegKind.QUADRATIC and spread and (np.all(bends > 0) or np.all(bends < 0)):
+        return (int(np.sign(slopes[0])),) if _constant(slopes) else (1, -1)
+    unit = 1.0 if robot.joint_axes[k].is_angle else float(robot.characteristic_length())
+    if kind == LegKind.QUADRATIC and _constant(bends) and np.ptp(vertices) <= _SAME * unit:
         axis = robot.joint_axes[k]
         low, high = max(float(limits.low[k]), axis.low), min(float(limits.high[k]), axis.high)
-        slack = 1e-12 * (1 + abs(vertices[0]))
+        slack = _SAME * unit
         if low >= vertices[0] - slack:
             return (int(np.sign(bends[0])),)
         if high <= vertices[0] + slack:
             return (-int(np.sign(bends[0])),)
     return (1, -1)
+
+
+def _constant(values: np.ndarray) -> bool:
+    return bool(np.ptp(values) <= _SAME * np.max(np.abs(values)))
 
 
 @jax.jit
@@ -125,8 +131,15 @@ def _column(robot: Mechanism, pose: Array, k: int, unit: Array) -> tuple[Array, 
     v = values[:, None]
     linear = f + first * v
     forms = jnp.stack([linear, linear + 0.5 * second * v**2, f + first * jnp.sin(v) + second * (1 - jnp.cos(v))])
-    size = jnp.max(jnp.abs(exact), axis=0) + jnp.abs(f) + 1e-300
-    return jnp.max(jnp.abs(forms - exact), axis=1) / size, second, -first / jnp.where(second == 0, 1.0, second)
+    # Against the change along the joint, not the constant, beside which a small quadratic term would not show; the
+    # constant's rounding is no miss.
+    rounding = 64 * jnp.finfo(float).eps * (jnp.max(jnp.abs(exact), axis=0) + jnp.abs(f))
+    change = jnp.max(jnp.abs(exact - f), axis=0) + 1e-300
+    return (
+        jnp.maximum(jnp.max(jnp.abs(forms - exact), axis=1) - rounding, 0.0) / change,
+        second,
+        -first / jnp.where(second == 0, 1.0, second),
+    )
 
 
 def _along(robot: Mechanism, pose: Array, k: int, value: Array) -> Array:
@@ -162,8 +175,8 @@ def leg_joints(robot: Mechanism, legs: Legs, signs: Array, pose: Array) -> Array
         signs: ``(n_joint,)`` the working mode.
         pose: ``(n_pose,)``.
 
-    Where a leg does not reach, its discriminant is taken as zero: test ``leg_discriminants``. Differentiable where all
-    discriminants are positive.
+    Where a leg does not reach, its discriminant is taken as zero: test ``leg_discriminants``. A linear leg has one
+    joint value, whatever the sign. Differentiable where all discriminants are positive.
     """
     return jnp.stack([_solved(robot, legs, k, pose)[1](signs[k]) for k in range(len(legs.rows))])
 
@@ -180,7 +193,7 @@ def _solved(robot: Mechanism, legs: Legs, k: int, pose: Array):  # type: ignore[
         def root(sign: Array) -> Array:
             size = jnp.sqrt(jnp.where(discriminant > 0, discriminant, 0.0))
             # The sum that does not cancel: q = (s sqrt(D) - b) / 2a, or -2c / (s sqrt(D) + b).
-            away = sign * first <= 0
+            away = (sign * first <= 0) | ~(discriminant > 0)
             denominator = jnp.where(away, second, sign * size + first)
             safe = jnp.where(denominator == 0, 1.0, denominator)
             return jnp.where(away, sign * size - first, -2 * f) / safe
@@ -192,7 +205,8 @@ def _solved(robot: Mechanism, legs: Legs, k: int, pose: Array):  # type: ignore[
 
     def angle(sign: Array) -> Array:
         size = sign * jnp.sqrt(jnp.where(discriminant > 0, discriminant, 0.0))
-        return jnp.arctan2(-constant * sine - size * cosine, -constant * cosine + size * sine)
+        turn = jnp.arctan2(-constant * sine - size * cosine, -constant * cosine + size * sine)
+        return jnp.where(turn >= jnp.pi, -jnp.pi, turn)
 
     return discriminant, angle
 

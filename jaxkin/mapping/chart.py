@@ -1,15 +1,16 @@
 """The equations of a section or a box: what is unknown, what vanishes, what lies inside.
 
 A section frees two joints and fixes the others; the poses over it form a surface, on which det A = 0 (A = dF/dpose) is
-a curve. A box frees three: det A = 0 is a surface then, and the cusps on it form curves. Unknown are the pose and those free joints that the pose does not give. A joint is *explicit* where one
-equation gives it from the pose alone, as itself (a linear actuator) or as its square (a leg of length rho: the
-equation of |B - A|^2 - rho^2 stays smooth through rho = 0, where rho itself does not). For the 3-RPR both free legs are
-explicit: three unknowns, one equation of the fixed leg, and the determinant.
+a curve. A box frees three: det A = 0 is a surface then, and the cusps on it form curves. Unknown are the pose and those
+free joints that the pose does not give. A joint is *explicit* where one equation gives it from the pose alone, as
+itself (a linear actuator) or as its square (a leg of length rho: the equation of |B - A|^2 - rho^2 stays smooth through
+rho = 0, where rho itself does not). For the 3-RPR both free legs are explicit: three unknowns, one equation of the
+fixed leg, and the determinant.
 """
 
 from dataclasses import dataclass
 from functools import cache, partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +42,8 @@ class SectionData(NamedTuple):
             is meant.
         low: ``(k,)`` lower ends of the free joints.
         high: ``(k,)`` upper ends.
+        whole: ``(k,)`` True where a glued joint runs over its whole period: it has no ends then.
+        workspace: The further numbers of a section of the workspace, of ``PoseChart``.
     """
 
     robot: Mechanism
@@ -55,6 +58,8 @@ class SectionData(NamedTuple):
     factor: Array
     low: Array
     high: Array
+    whole: Array
+    workspace: Any = None
 
 
 #: How a free joint stands in the equations: as an unknown of its own, or given by the pose, as itself or as its square.
@@ -78,25 +83,30 @@ class Chart:
     kinds: tuple[int, ...]
 
     @property
+    def n_moving(self) -> int:
+        """Number of pose coordinates that are unknowns: all of them, over joints."""
+        return self.n_pose
+
+    @property
     def unknown(self) -> tuple[int, ...]:
         """Which of the free joints are unknowns."""
         return tuple(k for k, kind in enumerate(self.kinds) if kind == UNKNOWN)
 
     @property
     def dimension(self) -> int:
-        """Number of unknowns; there are as many more of them than equations as there are free joints."""
-        return self.n_pose + len(self.unknown)
+        """Number of unknowns; there are as many more of them than equations as there are free axes."""
+        return self.n_moving + len(self.unknown)
 
     @property
     def n_rows(self) -> int:
         """Number of equations that hold on the section, those of explicit joints left out."""
-        return self.dimension - len(self.kinds)
+        return self.n_pose - len(self.kinds) + len(self.unknown)
 
     def configuration(self, data: SectionData, u: Array) -> tuple[Array, Array]:
         """Returns pose and joints, explicit joints at zero."""
         joints = data.fixed
         for place, k in enumerate(self.unknown):
-            joints = joints + data.free_joint[k] * (u[self.n_pose + place] * data.free_unit[k])
+            joints = joints + data.free_joint[k] * (u[self.n_moving + place] * data.free_unit[k])
         return self.pose(data, u), joints
 
     @partial(jax.jit, static_argnums=0)
@@ -172,7 +182,7 @@ class Chart:
     def free_value(self, data: SectionData, u: Array, k: int) -> Array:
         """Returns a free joint, or its square where that is what the pose gives (not negative up to rounding)."""
         if self.kinds[k] == UNKNOWN:
-            return u[self.n_pose + self.unknown.index(k)] * data.free_unit[k]
+            return u[self.n_moving + self.unknown.index(k)] * data.free_unit[k]
         pose, joints = self.configuration(data, u)
 
         def row(value: Array) -> Array:
@@ -201,7 +211,8 @@ class Chart:
     def margins(self, data: SectionData, u: Array) -> Array:
         """Returns smooth functions, not negative inside the box: first axis low, high, then the second's, and so on.
 
-        Squares are compared with squares; a lower end at zero is no border for them, as no square is negative.
+        Squares are compared with squares; a lower end at zero is no border for them, as no square is negative. A joint
+        that runs over its whole period has no border.
         """
         parts = []
         for k, kind in enumerate(self.kinds):
@@ -211,7 +222,7 @@ class Chart:
                 below = jnp.where(low > 0, (value - low * low) / scale, 1.0)
                 parts += [below, (high * high - value) / scale]
             else:
-                parts += [(value - low) / unit, (high - value) / unit]
+                parts += [jnp.where(data.whole[k], 1.0, gap / unit) for gap in (value - low, high - value)]
         return jnp.stack(parts)
 
     def violations(self, data: SectionData, u: Array) -> Array:
@@ -268,11 +279,26 @@ def chart_of(robot: Mechanism, free: tuple[int, ...]) -> tuple[Chart, dict[str, 
         if np.max(np.abs(bends)) <= 1e-13 * size:
             kinds[k] = LINEAR
         elif np.ptp(bends) <= 1e-13 * size and np.max(np.abs(at_zero[:, row, joint])) <= 1e-13 * size:
-            kinds[k] = SQUARE
+            kinds[k] = SQUARE if _is_length(robot, joint, row, bends[0]) else UNKNOWN
         free_row[k, row] = 1.0 if kinds[k] != UNKNOWN else 0.0
     kept = np.flatnonzero(np.sum(free_row, axis=0) == 0)
     picks = {"free_joint": np.eye(n)[list(free)], "free_row": free_row, "kept_row": np.eye(n)[kept]}
     return _chart(n, tuple(kinds)), picks
+
+
+def _is_length(robot: Mechanism, joint: int, row: int, bend: float) -> bool:
+    """True where a joint's square tells the joint: it is not negative, nor is what the poses give for the square."""
+    low = max(float(robot.limit_values().low[joint]), robot.joint_axes[joint].low)
+    squares = -2 / bend * np.asarray(_constants(robot))[:, row]
+    return low >= 0 and bool(np.min(squares) >= -1e-9 * np.max(np.abs(squares)))
+
+
+@jax.jit
+def _constants(robot: Mechanism) -> Array:
+    """Returns F with q = 0 at poses all around, ``(k, n)``."""
+    n = len(robot.pose_axes)
+    poses = jnp.asarray(4 * lattice(64, n) - 2) * scale_vector(robot.pose_axes, robot.characteristic_length())
+    return jax.vmap(lambda pose: robot.constraints(pose, jnp.zeros(len(robot.joint_axes))))(poses)
 
 
 @cache

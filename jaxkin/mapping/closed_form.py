@@ -12,7 +12,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import search
 from jaxkin.mapping.batch import in_blocks
-from jaxkin.mapping.loci import border_name, evaluated
+from jaxkin.mapping.loci import evaluated
 from jaxkin.mapping.records import Crossings, Curve, SingularCurves
 from jaxkin.mapping.section import Section
 from jaxkin.numerics.gluing import short_way
@@ -75,7 +75,7 @@ def _inside(section: Section, piece: Any) -> list[Curve]:
                 continue
             joint, pose, edge = _border(section, piece, joints[[inner, outer]], poses[[inner, outer]])
             parts.insert(0 if natural == 0 else len(parts), (joint[None], pose[None]))
-            ends.append(border_name(section, edge))
+            ends.append(section.border_name(edge))
         whole = [np.concatenate(part) for part in zip(*parts, strict=True)]
         curves.append(_curve(section, piece, whole[0], whole[1], False, (ends[0], ends[1])))
     return [curve for curve in curves if len(curve) > 1]

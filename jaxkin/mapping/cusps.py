@@ -19,6 +19,7 @@ from jaxkin.mapping.records import Cusps, Other
 from jaxkin.mapping.section import Section, bind_section
 from jaxkin.mapping.tracing import Traced, trace_section
 from jaxkin.numerics import newton
+from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.small_linalg import pivoted_solve
 from jaxkin.sweep.grid import Grid
 
@@ -174,7 +175,7 @@ def _spread(section: Section, points: np.ndarray, joints: np.ndarray) -> np.ndar
     shifts = (newton.lattice(_RESTARTS, section.chart.dimension) - 0.5) * _MOVED
     again = newton_roots(section, (points[:, None] + shifts[None]).reshape(-1, points.shape[1]))[0]
     others = evaluated(section, again)[0].reshape(len(points), _RESTARTS, -1)
-    return np.max(np.abs(others - joints[:, None]), axis=(1, 2))
+    return np.max(np.abs(short_way(others - joints[:, None], section.joint_period)), axis=(1, 2))
 
 
 def _kind(fact: _Fact, near_crossing: bool) -> str:
@@ -195,10 +196,12 @@ def _grouped(section: Section, facts: list[_Fact], others: list[Other], evidence
     robot = section.robot
     unit = np.asarray(scale_vector(robot.joint_axes, robot.characteristic_length()))
     groups: list[list[_Fact]] = []
+
+    def apart(a: _Fact, b: _Fact) -> float:
+        return float(np.max(np.abs(short_way(a.joints - b.joints, section.joint_period)) / unit))
+
     for fact in sorted(facts, key=lambda f: tuple(np.round(f.joints / unit, 8))):
-        home = next(
-            (g for g in groups if np.max(np.abs(g[0].joints - fact.joints) / unit) < _ONE_CUSP + fact.error), None
-        )
+        home = next((g for g in groups if apart(g[0], fact) < _ONE_CUSP + fact.error), None)
         if home is None:
             groups.append([fact])
         else:

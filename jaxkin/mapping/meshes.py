@@ -23,6 +23,9 @@ class Surface:
         boundary: ``(b, 2)`` the edges that only one triangle has, on a face of the box (glued ones included) or
             around a hole.
         unpolished: Number of vertices that did not converge; they were dropped with their triangles.
+        joints: ``(k, n_joint)`` joints of the vertices, angles in [-pi, pi), in the surface's working mode, or in the
+            first one where a factor vanishes in all; NaN where a leg does not reach. On the two vertices of a seam
+            pair they are the same.
     """
 
     name: str
@@ -32,6 +35,7 @@ class Surface:
     seam: np.ndarray
     boundary: np.ndarray
     unpolished: int = 0
+    joints: np.ndarray | None = None
 
     @property
     def components(self) -> int:
@@ -75,6 +79,7 @@ class SingularSurfaces(NamedParts[Surface]):
         pose_names: Names of the pose axes.
         units: Unit of every pose axis.
         glued: Names of the axes whose low and high face are the same.
+        joint_names: Names of the joint axes.
     """
 
     surfaces: tuple[Surface, ...]
@@ -83,6 +88,7 @@ class SingularSurfaces(NamedParts[Surface]):
     pose_names: tuple[str, ...]
     units: dict[str, str]
     glued: tuple[str, ...]
+    joint_names: tuple[str, ...] = ()
 
     kind: ClassVar[str] = "surfaces"
 
@@ -117,6 +123,7 @@ class SingularSurfaces(NamedParts[Surface]):
         content = {
             "request": self.request,
             "pose_axes": list(self.pose_names),
+            "joint_axes": list(self.joint_names),
             "units": self.units,
             "glued": list(self.glued),
             "surfaces": [_plain(surface) for surface in self.surfaces],

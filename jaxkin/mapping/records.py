@@ -51,13 +51,17 @@ class Curve:
     """A piece of the singular set over a section, in order along the curve.
 
     Attributes:
-        joints: ``(k, n_joint)`` joint values.
+        joints: ``(k, n_joint)`` joint values; a glued joint that runs over its whole period in one turn, so that it
+            jumps where the curve crosses the seam (``numpy.unwrap`` makes it continuous).
         poses: ``(k, n_pose)`` the singular pose over each, angles in [-pi, pi); NaN on a virtual curve.
         closed: True where the last point is followed by the first (which is not repeated).
         residual: Largest dimensionless residual of the equations along the curve.
-        label: Factor of the singularity, or name of the closed form, that vanishes here; "" where there is none.
+        label: Factor of the singularity, or name of the closed form, that vanishes here; "" where there is none. Over
+            poses also ``det A`` or ``det B, leg k``, and the working mode where there are several (signs of the legs'
+            entries of B, 0 for the leg that is singular), and ``self-motion`` where the joints stand still.
         virtual: True where the polynomial vanishes but the pose is complex: no singular pose, no change of count.
-        ends: What the curve ends on, for instance ``("rho3 = 4", "crossing")``; two empty texts where closed.
+        ends: What the curve ends on, for instance ``("rho3 = 4", "crossing")``; two empty texts where closed. Over
+            poses ``"det B, leg k"`` where the curve goes on in the working mode with that leg's other sign.
     """
 
     joints: np.ndarray
@@ -94,7 +98,7 @@ class Crossings:
 
 @dataclass(frozen=True)
 class SingularCurves(_OverSection, Sequence[Curve]):
-    """All singular curves of a section of the joint space.
+    """All singular curves of a section of the joint space or of the workspace.
 
     Attributes:
         curves: The curves, longest first.
@@ -104,6 +108,7 @@ class SingularCurves(_OverSection, Sequence[Curve]):
         joint_names: Names of the joint axes.
         units: Unit of every axis.
         evidence: What speaks for completeness, by name.
+        self_motions: Curves of singular poses over one joint point each: the mechanism moves with its joints locked.
     """
 
     curves: tuple[Curve, ...]
@@ -113,6 +118,7 @@ class SingularCurves(_OverSection, Sequence[Curve]):
     joint_names: tuple[str, ...]
     units: dict[str, str]
     evidence: dict[str, Any] = field(default_factory=dict)
+    self_motions: tuple[Curve, ...] = ()
 
     @overload
     def __getitem__(self, index: int) -> Curve: ...
@@ -133,11 +139,11 @@ class SingularCurves(_OverSection, Sequence[Curve]):
     @property
     def residual(self) -> float:
         """Largest dimensionless residual of all points."""
-        return max((curve.residual for curve in self.curves), default=0.0)
+        return max((curve.residual for curve in (*self.curves, *self.self_motions)), default=0.0)
 
     @property
     def free(self) -> tuple[str, ...]:
-        """Names of the free joint axes."""
+        """Names of the free axes."""
         return tuple(name for name, value in self.request["section"].items() if isinstance(value, list))
 
     def __str__(self) -> str:
@@ -153,6 +159,10 @@ class SingularCurves(_OverSection, Sequence[Curve]):
             + ("closed" if curve.closed else f"from {curve.ends[0]} to {curve.ends[1]}")
             + (", virtual" if curve.virtual else "")
             for curve in self.curves
+        ]
+        lines += [
+            f"  self-motion at {coordinates(self.joint_names, motion.joints[0])}: {len(motion)} poses"
+            for motion in self.self_motions
         ]
         return self._summary(lines)
 
@@ -175,20 +185,21 @@ class SingularCurves(_OverSection, Sequence[Curve]):
 
     def to_json(self) -> str:
         """Returns everything as JSON text; complex poses are null."""
-        curves = [
-            {
-                "label": c.label,
-                "closed": c.closed,
-                "virtual": c.virtual,
-                "ends": list(c.ends),
-                "residual": c.residual,
-                "joints": c.joints.tolist(),
-                "poses": None if c.virtual else c.poses.tolist(),
-            }
-            for c in self.curves
-        ]
+        curves, motions = ([_plain(c) for c in part] for part in (self.curves, self.self_motions))
         crossings = {"joints": self.crossings.joints.tolist(), "poses": self.crossings.poses.tolist()}
-        return self._json(curves=curves, crossings=crossings)
+        return self._json(curves=curves, crossings=crossings, self_motions=motions)
+
+
+def _plain(curve: Curve) -> dict[str, Any]:
+    return {
+        "label": curve.label,
+        "closed": curve.closed,
+        "virtual": curve.virtual,
+        "ends": list(curve.ends),
+        "residual": curve.residual,
+        "joints": curve.joints.tolist(),
+        "poses": None if curve.virtual else curve.poses.tolist(),
+    }
 
 
 @dataclass(frozen=True)

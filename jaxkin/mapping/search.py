@@ -118,7 +118,9 @@ def glued(section: Section, u: np.ndarray) -> np.ndarray:
     """Returns points with their glued unknowns brought into one turn from the lower end."""
     u = np.array(u, float)
     for k in np.flatnonzero(np.isfinite(section.period)):
-        u[..., k] = (u[..., k] - section.low[k]) % section.period[k] + section.low[k]
+        turned = (u[..., k] - section.low[k]) % section.period[k] + section.low[k]
+        # Rounding may end at the upper end, which is the lower one.
+        u[..., k] = np.where(turned >= section.low[k] + section.period[k], section.low[k], turned)
     return u
 
 
@@ -146,7 +148,7 @@ def twins(section: Section, u: np.ndarray) -> np.ndarray:
 
 def without_twins(section: Section, u: np.ndarray) -> np.ndarray:
     """Returns the indices of points, of two triples of angles of one configuration the first."""
-    if section.robot.twin is None or len(u) == 0:
+    if not section.has_twins or len(u) == 0:
         return np.arange(len(u))
     others, kept = twins(section, u), list[int]()
     for k in range(len(u)):
@@ -174,7 +176,7 @@ def crossings(section: Section, seeds: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def margins(section: Section, points: np.ndarray) -> np.ndarray:
-    """Returns the four margins of points, ``(k, 4)``."""
+    """Returns the margins of points, ``(k, n)``: two a free joint."""
     return over_points(_margins, section.chart, section.data, points)
 
 
@@ -186,8 +188,8 @@ def seeds_on_borders(section: Section, seeds: np.ndarray) -> np.ndarray:
     """Returns points of the singular curves on the borders of the box, ``(k, m)``, from seeds and from elsewhere."""
     apart = starting_points(section, part=2)[: BLOCK // 4]
     some = np.concatenate([seeds[np.linspace(0, len(seeds) - 1, min(len(seeds), BLOCK // 4)).astype(int)], apart])
-    edges = np.repeat(np.arange(4), len(some))
-    u, good = border_points(section, np.tile(some, (4, 1)), edges)
+    edges = np.repeat(np.array(section.edges, int), len(some))
+    u, good = border_points(section, np.tile(some, (len(section.edges), 1)), edges)
     u = glued(section, u[good])
     return u[distinct(section, u)]
 

@@ -1,19 +1,20 @@
 """Sections and boxes: a grid with two or three free joints, bound to a mechanism and checked."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxkin.core.errors import GeometryError, InputError
-from jaxkin.core.mechanism import Mechanism, scale_vector
+from jaxkin.core.mechanism import Axis, Mechanism, scale_vector
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_single
 from jaxkin.mapping.batch import BLOCK, over_points
 from jaxkin.mapping.chart import Chart, SectionData, chart_of, factor_names, tells_factors
+from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.newton import descend, lattice
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
 
@@ -35,6 +36,7 @@ class Section:
         high: ``(m,)`` upper ends.
         samples: ``(k, m)`` poses spread over the section, inside the box: where searches start.
         starts: How many starts a search makes; the grid's numbers only choose this.
+        who: The public function that asked, for messages.
     """
 
     robot: Mechanism
@@ -46,6 +48,26 @@ class Section:
     high: np.ndarray
     samples: np.ndarray
     starts: int
+    who: str
+
+    @property
+    def joint_period(self) -> np.ndarray:
+        """``(n_joint,)`` period of every joint that runs over its whole period, inf for the others."""
+        period = np.full(len(self.robot.joint_axes), np.inf)
+        for k, whole in zip(self.grid.free, np.asarray(self.data.whole), strict=True):
+            if whole:
+                period[k] = self.robot.joint_axes[k].period
+        return period
+
+    @property
+    def edges(self) -> tuple[int, ...]:
+        """Numbers of the borders, as margins are numbered: none of a joint that runs over its whole period."""
+        return tuple(number for number in range(2 * len(self.grid.free)) if not self.data.whole[number // 2])
+
+    @property
+    def has_twins(self) -> bool:
+        """True where one configuration stands twice in the unknowns, by two triples of angles."""
+        return self.robot.twin is not None
 
     def record(self, method: str) -> dict[str, Any]:
         """Returns what every result over this section says of it: request, names and units."""
@@ -68,12 +90,41 @@ class Section:
         which, end = divmod(number, 2)
         return self.grid.free[which], float((self.data.low, self.data.high)[end][which])
 
+    def border_name(self, number: int) -> str:
+        """Names a border, for instance ``rho3 = 4``."""
+        joint, bound = self.border(number)
+        return f"{self.robot.joint_axes[joint].name} = {bound:g}"
+
+    def put_on_border(self, number: int, joints: np.ndarray, pose: np.ndarray) -> None:
+        """Sets the coordinate of a point on a border that is at its bound, in place: it may be an ulp beside it."""
+        del pose
+        joint, bound = self.border(number)
+        joints[joint] = bound
+
+    def settle(self, joints: np.ndarray, poses: np.ndarray) -> None:
+        """Moves free joints that rounding has put an ulp outside their bounds onto them, in place."""
+        del poses
+        free = list(self.grid.free)
+        joints[:, free] = settled(joints[:, free], np.asarray(self.data.low), np.asarray(self.data.high))
+
+    def image_steps(self, joints: np.ndarray, poses: np.ndarray) -> np.ndarray:
+        """Returns the steps between neighbouring points in the free axes, in widths of the section."""
+        del poses
+        width = np.asarray(self.data.high) - np.asarray(self.data.low)
+        return short_way(np.diff(joints, axis=0), self.joint_period)[:, list(self.grid.free)] / width
+
     def describe(self) -> str:
         """The section in a few words, for messages."""
         return ", ".join(
             f"{name} = {value[0]:g} .. {value[1]:g}" if isinstance(value, list) else f"{name} = {value:g}"
             for name, value in self.grid.content().items()
         )
+
+
+def settled(values: np.ndarray, low: np.ndarray, high: np.ndarray) -> np.ndarray:
+    """Returns values, those on the bounds that are within rounding of them."""
+    clipped = np.clip(values, low, high)
+    return np.where(np.abs(values - clipped) < 1e-12 * (1 + np.abs(high)), clipped, values)
 
 
 def traced_factors(robot: Mechanism) -> tuple[str, ...]:
@@ -112,14 +163,14 @@ def bind_section(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> Secti
             f"{who}: the geometry of {robot} is degenerate or not finite; build it with the mechanism's constructor, "
             "which names what is wrong."
         )
-    low, high, middle = _ranges(who, robot, bound)
+    ranges = _ranges(who, robot, bound)
     chart, picks = chart_of(robot, bound.free)
-    data = _numbers(robot, bound, picks, low, high, middle)
+    data = _numbers(robot, bound, picks, ranges)
     _check_fixed(who, robot, bound)
-    starts = int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
+    starts = starts_of(bound)
     region = _region(robot, bound, chart, data)
-    samples = _samples(chart, data, region, starts)
-    section = Section(robot, bound, chart, data, *region, samples, starts)
+    samples = spread_samples(chart, data, region, starts)
+    section = Section(robot, bound, chart, data, *region, samples, starts, who)
     if len(samples) == 0:
         raise InputError(
             f"{who}: no pose reaches the section {section.describe()}: its joint values lie outside the reachable "
@@ -127,6 +178,11 @@ def bind_section(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> Secti
         )
     _refuse_gimbal_lock(who, section)
     return replace(section, data=_scaled(who, section))
+
+
+def starts_of(bound: BoundGrid) -> int:
+    """Returns how many starts a search makes: so many as the longer axis has samples, a power of two."""
+    return int(np.clip(1 << (max(bound.shape) - 1).bit_length(), 512, 4096))
 
 
 def _refuse_gimbal_lock(who: str, section: Section) -> None:
@@ -148,44 +204,84 @@ def _chart_factor(chart: Chart, data: SectionData, u: jax.Array) -> jax.Array:
     return jnp.min(jnp.abs(jnp.stack(list(factors.values()))))
 
 
-def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns ends of the free joints within the limits, and the middle of every joint."""
+class _Ranges(NamedTuple):
+    """Ends of the free joints, which of them run over their whole period, and the middle of every joint."""
+
+    low: np.ndarray
+    high: np.ndarray
+    whole: np.ndarray
+    middle: np.ndarray
+
+
+def _ranges(who: str, robot: Mechanism, bound: BoundGrid) -> _Ranges:
     limits = robot.limit_values()
-    lows, highs, middle = [], [], []
+    spans, middle = [], []
     for k, (axis, value) in enumerate(zip(bound.axes, bound.values, strict=True)):
         least, most = max(float(limits.low[k]), axis.low), min(float(limits.high[k]), axis.high)
         if isinstance(value, Span):
-            low, high = max(value.low, least), min(value.high, most)
-            if not low < high:
-                raise InputError(
-                    f"{who}: {axis.name} goes from {value.low:g} to {value.high:g}, outside its limits {least:g} to "
-                    f"{most:g}: move the range into them, or widen robot.limits."
-                )
-            lows.append(low)
-            highs.append(high)
+            low, high, whole = free_range(who, axis, value, least, most)
+            spans.append((low, high, whole))
             middle.append(0.5 * (low + high))
         else:
-            if not least <= value <= most:
+            if not any(least <= turned <= most for turned in _turns(axis, value)):
                 raise InputError(
                     f"{who}: {axis.name} is fixed at {value:g}, outside its limits {least:g} to {most:g}: fix it "
                     "inside them, or widen robot.limits."
                 )
             middle.append(value)
-    return np.array(lows), np.array(highs), np.array(middle)
+    low, high, whole = (np.array(column) for column in zip(*spans, strict=True))
+    return _Ranges(low, high, whole, np.array(middle))
 
 
-def _numbers(
-    robot: Mechanism,
-    bound: BoundGrid,
-    picks: dict[str, np.ndarray],
-    low: np.ndarray,
-    high: np.ndarray,
-    middle: np.ndarray,
-) -> SectionData:
+def _turns(axis: Axis, value: float) -> tuple[float, ...]:
+    """Returns the values of a glued axis that are the same place, near its own interval."""
+    if axis.period is None or not np.isfinite(axis.low):
+        return (value,)
+    start = value - axis.period * np.floor((value - axis.low) / axis.period)
+    return tuple(start + k * axis.period for k in (0, 1, -1))
+
+
+def free_range(who: str, axis: Axis, span: Span, least: float, most: float) -> tuple[float, float, bool]:
+    """Returns the part of a free joint's range within its limits, and whether that is the whole glued period.
+
+    A glued joint's range may lie in any turn, (0, 2 pi) for instance.
+    """
+    turn = axis.period
+    if turn is not None and span.high - span.low > turn * (1 + 1e-12):
+        raise InputError(
+            f"{who}: {axis.name} goes from {span.low:g} to {span.high:g}, farther than its period {turn:g}: give one "
+            "turn at most."
+        )
+    if turn is not None and most - least >= turn * (1 - 1e-12):
+        whole = span.high - span.low >= turn * (1 - 1e-12)
+        return span.low, span.high, whole
+    turns = [0.0] if turn is None else [turn * k for k in range(-2, 3)]
+    parts = [(max(span.low, least + t), min(span.high, most + t)) for t in turns]
+    parts = [(low, high) for low, high in parts if low < high]
+    if not parts:
+        raise InputError(
+            f"{who}: {axis.name} goes from {span.low:g} to {span.high:g}, outside its limits {least:g} to "
+            f"{most:g}: move the range into them, or widen robot.limits."
+        )
+    if len(parts) > 1:
+        raise InputError(
+            f"{who}: {axis.name} goes from {span.low:g} to {span.high:g}, which its limits {least:g} to {most:g} cut "
+            f"in two: give it from {least:g} to {most:g}."
+        )
+    return *parts[0], False
+
+
+@jax.jit
+def equation_scales(robot: Mechanism, pose: jax.Array, joints: jax.Array) -> jax.Array:
+    """Returns the magnitude of each equation's terms, compiled once for a kind of robot."""
+    return robot.constraint_scales(pose, joints)
+
+
+def _numbers(robot: Mechanism, bound: BoundGrid, picks: dict[str, np.ndarray], ranges: _Ranges) -> SectionData:
     length = robot.characteristic_length()
-    row_scale = robot.constraint_scales(jnp.zeros(len(robot.pose_axes)), jnp.asarray(middle))
+    row_scale = equation_scales(robot, jnp.zeros(len(robot.pose_axes)), jnp.asarray(ranges.middle))
     free = list(bound.free)
-    fixed = middle.copy()
+    fixed = ranges.middle.copy()
     fixed[free] = 0.0
     return SectionData(
         robot=robot,
@@ -196,8 +292,9 @@ def _numbers(
         row_scale=row_scale,
         matrix_scale=row_scale,
         factor=jnp.ones(len(traced_factors(robot))),
-        low=jnp.asarray(low),
-        high=jnp.asarray(high),
+        low=jnp.asarray(ranges.low),
+        high=jnp.asarray(ranges.high),
+        whole=jnp.asarray(ranges.whole),
     )
 
 
@@ -236,11 +333,12 @@ def _region(
         axis, unit = robot.joint_axes[bound.free[k]], float(data.free_unit[k])
         low.append(float(data.low[k]) / unit)
         high.append(float(data.high[k]) / unit)
-        period.append(np.inf if axis.period is None else axis.period / unit)
+        # A part of a turn is an interval like any other: its points lie in one turn.
+        period.append(axis.period / unit if axis.period is not None and data.whole[k] else np.inf)
     return np.array(period), np.array(low), np.array(high)
 
 
-def _samples(
+def spread_samples(
     chart: Chart, data: SectionData, region: tuple[np.ndarray, np.ndarray, np.ndarray], starts: int
 ) -> np.ndarray:
     """Returns points spread over the section inside its box, ``(k, m)``.
@@ -277,7 +375,7 @@ def _scaled(who: str, section: Section) -> SectionData:
     Raises:
         GeometryError: The determinant vanishes at every sample.
     """
-    norms, shares = over_points(_sizes, section.chart, section.data, section.samples[:BLOCK])
+    norms, shares = over_points(row_sizes, section.chart, section.data, section.samples[:BLOCK])
     typical = np.median(norms, axis=0)
     if np.all(shares <= TOLERANCES.residual) or not np.all(typical > 0):
         raise GeometryError(
@@ -288,7 +386,7 @@ def _scaled(who: str, section: Section) -> SectionData:
     return section.data._replace(matrix_scale=section.data.matrix_scale * typical)
 
 
-def _sizes(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
+def row_sizes(chart: Chart, data: SectionData, u: jax.Array) -> tuple[jax.Array, jax.Array]:
     """Returns the lengths of the rows of A, and |det A| over their product, the magnitude of its terms."""
     matrix = chart.matrix(data, u)
     norms = jnp.sqrt(jnp.sum(matrix * matrix, axis=1))

@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from jax import Array
 
+from jaxkin.core.errors import GeometryError
 from jaxkin.mapping import search
 from jaxkin.mapping.assembly import Arc, Network, arcs_of, distance_to_arcs
 from jaxkin.mapping.batch import over_points
@@ -18,6 +19,9 @@ from jaxkin.numerics.continuation import LEFT, REACHED, STUCK
 _AWAY = 1e-3
 #: How many seeds are traced from at once.
 _SEEDS = 96
+#: Shorter tangents (dimensionless) are none; points farther apart than this are at different places; and so many places
+#: without a tangent are no crossings any more.
+_NO_TANGENT, _APART, _PLACES = 1e-5, 1e-2, 24
 #: Longest steps of successive attempts: a jump between branches is answered by shorter steps.
 _STEPS = (continuation.LONGEST_STEP, 0.015, 0.004)
 #: Points with a smaller margin lie on the border.
@@ -53,6 +57,7 @@ def trace_section(section: Section) -> Traced:
     """
     first = search.seeds_on_curves(section, part=0)
     nodes, directions = search.crossings(section, first)
+    _refuse_double(section, first)
     second = search.seeds_on_curves(section, part=1)
     edges = search.seeds_on_borders(section, first)
     found = np.concatenate([first, second, edges])
@@ -89,9 +94,25 @@ def trace_section(section: Section) -> Traced:
     return Traced(arcs, tangents, nodes[~alone], nodes[alone], evidence)
 
 
+def _refuse_double(section: Section, seeds: np.ndarray) -> None:
+    """Raises where the singular set is double, or a surface, along a whole curve: it has no tangent there."""
+    sizes = np.sqrt(np.sum(over_points(_tangent, section.chart, section.data, seeds) ** 2, axis=1))
+    double = seeds[~(sizes > _NO_TANGENT)]
+    # Starts in a wide neighbourhood all arrive at an isolated point, which is one place.
+    places = len(search.distinct(section, double, _APART)) if len(double) > _PLACES else 0
+    if places > _PLACES:
+        raise GeometryError(
+            f"{section.who}: over {section.describe()} the singular set has no tangent at {len(double)} of "
+            f"{len(seeds)} singular poses that were looked at, {places} places: the section holds a whole curve of "
+            "self-motions, or a curve on which the determinant vanishes to second order, and no curve can be told "
+            "from another there; change a length of the mechanism or a fixed value a little (by 1e-3, say), or keep "
+            "the free ranges away from it."
+        )
+
+
 def whole_curves(section: Section, strands: list[Arc]) -> list[Arc]:
     """Returns curves, one of the two that are the same configurations by different triples of angles."""
-    if section.robot.twin is None:
+    if not section.has_twins:
         return strands
     kept: list[Arc] = []
     for strand in strands:

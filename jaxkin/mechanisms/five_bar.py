@@ -15,11 +15,13 @@ References:
 from collections.abc import Sequence
 from typing import Any, ClassVar, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jax.typing import ArrayLike
 
+from jaxkin.core.bodies import Body
 from jaxkin.core.errors import GeometryError
 from jaxkin.core.mechanism import Axis, Limits, Mechanism, angle, mechanism, plain
 from jaxkin.core.tracing import is_traced
@@ -60,6 +62,20 @@ class FiveBar(Mechanism):
         """Returns the mean length of cranks and rods."""
         return 0.25 * (jnp.sum(self.proximal, axis=-1) + jnp.sum(self.distal, axis=-1))
 
+    def linkage(self, pose: ArrayLike, joints: ArrayLike) -> tuple[Body, ...]:
+        """Returns base line, cranks, rods, joints and the point P of one configuration, for drawing."""
+        tip, angles = np.asarray(pose, float), np.asarray(joints, float)
+        pivots = np.array([[0.0, 0.0], [float(self.base), 0.0]])
+        arms = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+        elbows = pivots + np.asarray(self.proximal)[:, None] * arms
+        bodies = [Body("base", pivots, "base")]
+        for k in range(2):
+            bodies.append(Body(f"l{k + 1}", np.stack([pivots[k], elbows[k]]), "actuated", limb=k + 1))
+            bodies.append(Body(f"l{k + 3}", np.stack([elbows[k], tip]), "link", limb=k + 1))
+            bodies.append(Body(f"A{k + 1}", pivots[k : k + 1], "joint", limb=k + 1))
+            bodies.append(Body(f"C{k + 1}", elbows[k : k + 1], "joint", limb=k + 1))
+        return (*bodies, Body("P", tip[None], "platform"))
+
 
 def create(base: ArrayLike, proximal: Numbers, distal: Numbers, limits: Limits | None = None) -> FiveBar:
     """Builds a five-bar.
@@ -71,7 +87,8 @@ def create(base: ArrayLike, proximal: Numbers, distal: Numbers, limits: Limits |
         limits: Ranges of the crank angles, rad, within [-pi, pi]; none by default.
 
     Raises:
-        GeometryError: A length is not positive, the base distance is negative, or no pose closes the chain.
+        GeometryError: A length is not positive, the base distance is negative, one length is not less than the others
+            together (the chain does not close), or a limit lies beyond [-pi, pi].
     """
     (distance,) = leaves(base=base).values()
     robot = FiveBar(
@@ -80,7 +97,7 @@ def create(base: ArrayLike, proximal: Numbers, distal: Numbers, limits: Limits |
         distal=vector_leaf("distal", distal, 2, distance),
         limits=batch_limits("limits", limits or Limits.none(2), 2, distance, ("theta1", "theta2")),
     )
-    if not is_traced(distance) and not is_traced(robot.proximal) and not is_traced(robot.distal):
+    if not any(map(is_traced, jax.tree_util.tree_leaves(robot))):
         _check(robot)
     return robot
 
@@ -93,9 +110,21 @@ def _check(robot: FiveBar) -> None:
     base = np.asarray(robot.base)
     if not np.all(base >= 0):
         raise GeometryError(f"base is {plain(base)}: the distance of the pivots must not be negative; give its size.")
-    reach = np.sum(robot.proximal, axis=-1) + np.sum(robot.distal, axis=-1)
-    if not np.all(base < reach):
+    links = np.concatenate([base[..., None], robot.proximal, robot.distal], axis=-1)
+    longest, number = np.max(links, axis=-1), np.argmax(links, axis=-1)
+    open_ = np.atleast_1d(2 * longest >= np.sum(links, axis=-1))
+    if open_.any():
+        place = int(np.flatnonzero(open_)[0])
+        name = ("base", "proximal[0]", "proximal[1]", "distal[0]", "distal[1]")[np.atleast_1d(number)[place]]
+        size = float(np.atleast_1d(longest)[place])
+        rest = float(np.atleast_1d(np.sum(links, axis=-1))[place]) - size
         raise GeometryError(
-            f"base is {plain(base)}, and cranks and rods together are only {plain(reach)} long: the chain does not "
-            "close; move the pivots together."
+            f"{name} is {size:g}, and the other four lengths together are only {rest:g}: the chain does not close; "
+            "shorten it, or lengthen the others."
+        )
+    ends = np.stack([robot.limits.low, robot.limits.high])
+    if np.any(np.isfinite(ends) & (np.abs(ends) > np.pi)):
+        raise GeometryError(
+            f"limits has an end of {np.max(np.abs(ends[np.isfinite(ends)])):g} rad: crank angles are in [-pi, pi); give "
+            "limits between -pi and pi, or -inf and inf where there are none."
         )

@@ -17,6 +17,7 @@ from jaxkin.core.provenance import run_log
 from jaxkin.papers import _wc2009_print as printed
 from jaxkin.papers._reference_sections import compute_sections, reference_geometry
 from jaxkin.papers._samples import SEED
+from jaxkin.papers._wc2009_aspects import aspects_and_changes
 from jaxkin.papers._wc2009_equation_8 import cusp_equation
 from jaxkin.papers._wc2009_equations import equations
 from jaxkin.papers._wc2009_figures import figure_2, figure_3, figure_3_of, fold_over_cusp
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     from jaxkin.mechanisms.rpr3 import AnalyticRPR3
 
 __all__ = [
+    "aspects_and_changes",
     "compute_sections",
     "cusp_equation",
     "cusp_tables",
@@ -41,8 +43,6 @@ __all__ = [
 ]
 
 UNCHECKED = (
-    "The text after Fig. 2 and the conclusions: two aspects, and changes of assembly mode without a singularity. "
-    "Aspects and paths are not in this version.",
     "Fig. 1, a drawing of the mechanism without numbers.",
     "The statements on the four analytic classes found before, which the paper takes from its references.",
 )
@@ -63,7 +63,14 @@ def reproduce(robot: "AnalyticRPR3 | None" = None, tell: Callable[[str], object]
     Cost: under a minute on two cores, a quarter of it where compiled kernels are cached.
     """
     start = time.perf_counter()
-    steps: list[Callable[[], Part]] = [equations, figure_2, figure_3, fold_over_cusp, cusp_tables]
+    steps: list[Callable[[], Part]] = [
+        equations,
+        figure_2,
+        figure_3,
+        fold_over_cusp,
+        cusp_tables,
+        aspects_and_changes,
+    ]
     if robot is not None:
         steps.append(lambda: figure_3_of(robot))
     with ThreadPoolExecutor(1) as second:

@@ -1,4 +1,4 @@
-"""Figures: draws results, computes nothing. Every function takes ``ax=None`` and returns the Axes."""
+"""Figures: draws results, computes nothing. Every function draws into new Axes or the caller's, and returns them."""
 
 import lazy_loader
 
@@ -14,5 +14,12 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "workspaces": ["workspace"],
         "clearances": ["clearance_limit", "interference"],
         "wrists": ["wrist_angles"],
+        "aspects": ["aspects"],
+        "regions": ["regions"],
+        "cusp_curves": ["cusp_curves"],
+        "characteristic": ["characteristic"],
+        "basic_regions": ["basic_regions"],
+        "mode_change": ["mode_change"],
+        "animation": ["animate_mode_change"],
     },
 )

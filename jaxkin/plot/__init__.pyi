@@ -1,9 +1,16 @@
+from .animation import animate_mode_change as animate_mode_change
+from .aspects import aspects as aspects
+from .basic_regions import basic_regions as basic_regions
+from .characteristic import characteristic as characteristic
 from .clearances import clearance_limit as clearance_limit
 from .clearances import interference as interference
+from .cusp_curves import cusp_curves as cusp_curves
 from .folds import folds as folds
 from .maps import section as section
+from .mode_change import mode_change as mode_change
 from .modes import mechanism as mechanism
 from .poses import pose as pose
+from .regions import regions as regions
 from .solids import solid as solid
 from .surfaces import surfaces as surfaces
 from .workspaces import workspace as workspace

@@ -14,7 +14,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.plot import style
 from jaxkin.plot.fold_surface import draw, singular_joints, upright_axis
-from jaxkin.plot.modes import check_outline, draw_pose, finish
+from jaxkin.plot.planar import check_outline, draw_pose, finish
 
 if TYPE_CHECKING:
     from jaxkin.mapping.fold import Fold
@@ -35,7 +35,7 @@ def folds(
 
     Args:
         folds: What ``jk.fold`` returned, one or several: the poses over one cusp, for instance.
-        robot: The mechanism, drawn in every pose; it must outline itself (``outline(pose)``). Not drawn if not given.
+        robot: The mechanism, drawn in every pose; it must be drawable in the plane. Not drawn if not given.
         axes: Axes with ``projection="3d"``, one a fold, followed by flat ones, one a fold, for the mechanism.
 
     Returns:
@@ -56,7 +56,7 @@ def folds(
         handles = draw(fold, cast(Axes3D, ax), upright)
     if robot is not None:
         for fold, ax in zip(several, panels[1], strict=True):
-            draw_pose(robot, fold.pose, ax, style.SIGN_COLOURS[0])
+            draw_pose(robot, fold.pose, singular_joints(fold), ax, style.SIGN_COLOURS[0])
             finish(ax)
     _finish(several, panels, handles, own=axes is None)
     return panels if robot is not None else panels[0]

@@ -1,7 +1,7 @@
 """Singular curves and cusps over a section, and their names."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 import matplotlib.patheffects as effects
 import numpy as np
@@ -59,14 +59,38 @@ class _Group(NamedTuple):
     look: dict[str, Any]
 
 
-def section_of(given: "SingularCurves | Cusps") -> tuple[tuple[str, ...], dict[str, float]]:
+class OverSection(Protocol):
+    """What every result over a section has."""
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What determines the numbers."""
+        ...
+
+    @property
+    def pose_names(self) -> tuple[str, ...]:
+        """Names of the pose axes."""
+        ...
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joint axes."""
+        ...
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of every axis."""
+        ...
+
+
+def section_of(given: OverSection) -> tuple[tuple[str, ...], dict[str, float]]:
     """Returns the names of the free axes, and the fixed ones with their values."""
     section = given.request["section"]
     free = tuple(name for name, value in section.items() if isinstance(value, list | tuple))
     return free, {name: float(value) for name, value in section.items() if name not in free}
 
 
-def check(given: "SingularCurves | Cusps", free: tuple[str, ...], fixed: dict[str, float]) -> None:
+def check(given: OverSection, free: tuple[str, ...], fixed: dict[str, float]) -> None:
     """Refuses curves or cusps of another section than the one drawn.
 
     Raises:
@@ -93,7 +117,7 @@ def draw(ax: Axes, curves: "SingularCurves | None", cusps: "Cusps | None") -> li
     handles: list[Line2D] = []
     marks: list[Line2D] = []
     if curves is not None:
-        marks += _crosses(ax, window, free_points(curves, curves.crossings.joints))
+        marks += _crosses(ax, window, free_points(curves, own_points(curves, curves.crossings)))
     if cusps is not None:
         marks += _circles(ax, window, free_points(cusps, cusps.joints))
     if curves is not None:
@@ -108,10 +132,21 @@ def draw(ax: Axes, curves: "SingularCurves | None", cusps: "Cusps | None") -> li
     return handles + marks
 
 
-def free_points(given: "SingularCurves | Cusps", joints: np.ndarray) -> np.ndarray:
-    """Returns the two free joints of points, ``(k, 2)``."""
+def free_points(given: OverSection, points: np.ndarray) -> np.ndarray:
+    """Returns the two free coordinates of joint points (in a section of the workspace: of poses), ``(k, 2)``."""
     free, _ = section_of(given)
-    return joints[:, [given.joint_names.index(name) for name in free]]
+    names = given.pose_names if over_poses(given) else given.joint_names
+    return points[:, [names.index(name) for name in free]]
+
+
+def over_poses(given: OverSection) -> bool:
+    """True where the section is one of the workspace."""
+    return section_of(given)[0][0] in given.pose_names
+
+
+def own_points(given: OverSection, part: Any) -> np.ndarray:
+    """Returns the points of a curve, or of crossings, in the space of the section."""
+    return part.poses if over_poses(given) else part.joints
 
 
 def _window(ax: Axes) -> _Window:
@@ -121,9 +156,10 @@ def _window(ax: Axes) -> _Window:
 
 
 def _label(group: _Group, traced: bool) -> str:
-    name = style.symbol(group.name) if group.name else "singular curve"
+    factor, comma, rest = group.name.partition(",")
+    name = (factor if factor.startswith("det ") else style.symbol(factor)) if factor else "singular curve"
     # A traced curve is named after the factor that vanishes on it.
-    name += " = 0" if group.name and traced else ""
+    name += (" = 0" if factor and traced else "") + comma + rest.replace("-", "−")
     return f"{name}, virtual (complex poses)" if group.virtual else name
 
 
@@ -164,15 +200,38 @@ def _groups(window: _Window, curves: "SingularCurves") -> list[_Group]:
     for name, (colour, dashes, width) in zip(names, (_LOOKS * len(names))[: len(names)], strict=True):
         for virtual in (False, True):
             lines = [
-                (free_points(curves, np.concatenate([c.joints, c.joints[: int(c.closed)]])) - low) / size
+                (piece - low) / size
                 for c in curves
                 if c.label == name and c.virtual == virtual
+                for piece in unglued(curves, whole_line(curves, c))
             ]
             look = {"color": style.OKABE_ITO[colour], "linestyle": dashes, "linewidth": width}
             look |= _VIRTUAL if virtual else {}
             if lines:
                 groups.append(_Group(name, virtual, _once(lines), look))
     return groups
+
+
+def whole_line(given: OverSection, curve: Any) -> np.ndarray:
+    """Returns the points of a curve, the first again at the end where it is closed."""
+    points = own_points(given, curve)
+    return np.concatenate([points, points[: int(curve.closed)]])
+
+
+def unglued(given: OverSection, points: np.ndarray) -> list[np.ndarray]:
+    """Returns the pieces ``(k, 2)`` of a curve in the section, cut at the ends of angles that are glued there."""
+    points = free_points(given, points)
+    free, _ = section_of(given)
+    period = np.array([2 * np.pi if given.units[name] == "rad" else np.inf for name in free])
+    steps = np.diff(points, axis=0)
+    turns = np.where(np.isfinite(period), np.round(steps / np.where(np.isfinite(period), period, 1.0)), 0.0)
+    pieces, rest = [], points
+    for k in np.flatnonzero(turns.any(axis=1))[::-1]:
+        # Both ends go on beyond the border, where the picture cuts them.
+        shift = turns[k] * np.where(np.isfinite(period), period, 0.0)
+        pieces.append(np.vstack([points[k] + shift, rest[k + 1 :]]))
+        rest = np.vstack([rest[: k + 1], points[k + 1] - shift])
+    return [rest, *pieces[::-1]]
 
 
 def _draw_group(ax: Axes, window: _Window, group: _Group) -> None:

@@ -31,6 +31,8 @@ _NONE = "#DDDDDD"
 _PALE = 0.6
 #: A label beside a picture has so many letters in a line.
 _LABEL_WIDTH = 48
+#: A legend with a longer entry stands below the picture.
+_LONG_LABEL = 34
 
 
 def section(
@@ -202,7 +204,7 @@ def _add_legend(ax: Axes, handles: list[Line2D]) -> None:
         legend = ax.add_artist(Legend(ax, loc="lower left", bbox_to_anchor=(1.01, 0.0), **look))
         # Else the layout takes it for clipped at the Axes, and makes no room.
         legend.set_clip_on(False)
-    elif ax.images:
+    elif ax.images or max(len(str(handle.get_label())) for handle in handles) > _LONG_LABEL:
         ax.legend(loc="upper center", bbox_to_anchor=(0.5, -0.13), ncols=2, **look)
     else:
         ax.legend(loc="center left", bbox_to_anchor=(1.01, 0.5), **look)

@@ -11,13 +11,10 @@ from matplotlib.axes import Axes
 from jaxkin.core.branches import Branches
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.kinematics.jacobian import jacobians
 from jaxkin.kinematics.solve import forward
 from jaxkin.plot import poses as poses_in_space
 from jaxkin.plot import style
-
-#: Points of base and platform nearer than this share of the picture would have their letters on one another.
-_NEAR = 0.12
+from jaxkin.plot.planar import check_outline, draw_pose, finish, sign_of
 
 
 @overload
@@ -33,8 +30,9 @@ def mechanism(
     negative), which is written out as well.
 
     Args:
-        robot: A mechanism that can outline itself in the plane (``outline(pose)``), such as the 3-RPR, or that says
-            what it looks like in space (``bodies(pose)``), such as the 3-PPPS and the TLPM.
+        robot: A mechanism that can outline itself in the plane (``outline(pose)``), such as the 3-RPR, or has links
+            there (``linkage(pose, joints)``), such as the five-bar, or that says what it looks like in space
+            (``bodies(pose)``), such as the 3-PPPS and the TLPM.
         joints: ``(n_joint,)``.
         branches: Its forward solutions, if they are at hand.
         ax: Axes in which all modes are drawn over each other (with ``projection="3d"`` for a spatial mechanism);
@@ -44,7 +42,7 @@ def mechanism(
         The Axes, or an array of them, one a mode.
 
     Raises:
-        InputError: The mechanism has neither outline nor bodies, there is no real solution to draw, or the Axes are
+        InputError: The mechanism has no outline, linkage or bodies, there is no real solution to draw, or the Axes are
             flat.
     """
     in_space = hasattr(robot, "bodies")
@@ -86,65 +84,26 @@ def mechanism(
 def _add_joints(figure: Any, robot: Mechanism, joints: np.ndarray, count: int) -> None:
     """Writes the joint values over all panels."""
     values = ", ".join(f"{style.symbol(a.name)} = {v:g}" for a, v in zip(robot.joint_axes, joints, strict=True))
-    figure.suptitle(f"{count} assembly modes at {values}", fontsize="medium")
-
-
-def check_outline(robot: object) -> None:
-    """Refuses a mechanism that cannot outline itself.
-
-    Raises:
-        InputError: It has no method ``outline``.
-    """
-    if not hasattr(robot, "outline"):
-        raise InputError(f"{type(robot).__name__} has no method outline(pose) -> (base, platform): add one to draw it.")
-
-
-def draw_pose(robot: Any, pose: np.ndarray, ax: Axes, colour: str, *, letters: bool = True) -> np.ndarray:
-    """Draws base, legs and platform of one pose; returns the platform's points, ``(k, 2)``."""
-    base, platform = robot.outline(pose)
-    ax.fill(*base.T, facecolor="#DDDDDD", edgecolor="#777777", linewidth=1, zorder=1)
-    for a, b in zip(base, platform, strict=True):
-        ax.plot(*np.array([a, b]).T, color="#333333", linewidth=1.2, zorder=2)
-    ax.fill(*platform.T, facecolor=colour, alpha=0.3, zorder=3)
-    ax.plot(*np.vstack([platform, platform[:1]]).T, color=colour, linewidth=1.6, zorder=3)
-    ax.plot(*base.T, "s", color="black", markersize=4, zorder=4)
-    ax.plot(*platform.T, "o", color="white", markeredgecolor=colour, markersize=4, zorder=4)
-    texts = (("A", base, platform, "black"), ("B", platform, base, colour))
-    for letter, points, others, ink in texts if letters else ():
-        for k, (point, away) in enumerate(zip(points, _outward(points, others), strict=True), 1):
-            options = {"ha": "center", "va": "center", "fontsize": "x-small", "color": ink, "zorder": 5}
-            ax.annotate(f"${letter}_{k}$", point, textcoords="offset points", xytext=9 * away, **options)
-    return platform
-
-
-def finish(ax: Axes) -> None:
-    """Gives Axes with a drawn mechanism equal aspect, margins and labels."""
-    ax.set_aspect("equal")
-    ax.margins(0.12)
-    ax.set_xlabel("x (length)")
-    ax.set_ylabel("y (length)")
+    number = f"{count} assembly modes at" if count > 1 else "One assembly mode at"
+    figure.suptitle(f"{number} {values}", fontsize="medium")
 
 
 def _draw(robot: Any, pose: np.ndarray, joints: ArrayLike, ax: Axes, number: int, *, overlaid: bool) -> None:
-    determinant = float(np.linalg.det(np.asarray(jacobians(robot, pose, joints).direct)))
-    sign = int(np.sign(determinant))
-    platform = draw_pose(robot, pose, ax, style.SIGN_COLOURS[sign], letters=not overlaid)
+    sign = sign_of(robot, pose, np.asarray(joints))
+    platform = draw_pose(robot, pose, np.asarray(joints), ax, style.SIGN_COLOURS[sign], letters=not overlaid)
     if overlaid:
         centre = platform.mean(axis=0)
-        ax.text(centre[0], centre[1], str(number), ha="center", va="center", zorder=5)
+        # A number in the middle of a platform that is a point would hide it.
+        beside = (0, 0) if len(platform) > 1 else (8, 8)
+        look: dict[str, Any] = {"textcoords": "offset points", "xytext": beside, "zorder": 6}
+        ax.annotate(str(number), (centre[0], centre[1]), ha="center", va="center", **look)
         return
     word = {1: "> 0", -1: "< 0", 0: "= 0"}[sign]
-    ax.set_title(f"{number}:  $\\phi$ = {style.number(pose[2])} rad,  det {word}", fontsize="small")
+    ax.set_title(f"{number}:  {_pose(robot, pose)},  det {word}", fontsize="small")
 
 
-def _outward(points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Returns unit vectors from the centre of the points to each, turned away from other points nearby."""
-    away = _unit(points - points.mean(axis=0))
-    apart = points[:, None] - others[None]
-    gaps = np.linalg.norm(apart, axis=-1, keepdims=True)
-    near = (gaps < _NEAR * np.ptp(np.concatenate([points, others]), axis=0).max()) & (gaps > 0)
-    return _unit(away + 2.0 * np.sum(np.where(near, apart / np.where(near, gaps, 1.0), 0.0), axis=1))
-
-
-def _unit(vectors: np.ndarray) -> np.ndarray:
-    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+def _pose(robot: Mechanism, pose: np.ndarray) -> str:
+    """Returns the angles of a pose in words; all of it where it has none."""
+    pairs = list(zip(robot.pose_axes, pose, strict=True))
+    angles = [f"{style.symbol(axis.name)} = {style.number(value)} rad" for axis, value in pairs if axis.is_angle]
+    return ", ".join(angles or [f"{style.symbol(axis.name)} = {style.number(value)}" for axis, value in pairs])

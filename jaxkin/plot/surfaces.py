@@ -1,7 +1,6 @@
 """Singular surfaces in the workspace, in three dimensions."""
 
-import math
-from typing import Any, NamedTuple, cast
+from typing import NamedTuple, cast
 
 import jax
 import matplotlib.pyplot as plt
@@ -11,7 +10,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgb
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import Axes3D
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
@@ -19,10 +17,9 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.precision import TOLERANCES
 from jaxkin.mapping.meshes import SingularSurfaces
-from jaxkin.plot import style
+from jaxkin.plot import boxes, style
 from jaxkin.plot.layers import add_layers, add_lines
 from jaxkin.plot.shading import shaded
-from jaxkin.plot.spatial import part_tick_labels, upright_labels
 
 #: The first factor is red in Wenger and Chablat 2009, Fig. 2.
 _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "green", "purple", "orange", "blue", "yellow"))
@@ -30,8 +27,6 @@ _COLOURS = tuple(style.OKABE_ITO[c] for c in ("vermillion", "sky", "green", "pur
 _CHART = style.OKABE_ITO["green"]
 #: Share of colour of the nearest surface at each point of the picture; the farthest one has the rest.
 _OPACITY = 0.88
-#: Elevation and azimuth of the view, degrees.
-_VIEW = (22.0, -52.0)
 
 
 def surfaces(surfaces: SingularSurfaces, ax: Axes | None = None, *, robot: Mechanism | None = None) -> Axes3D:
@@ -64,7 +59,8 @@ def surfaces(surfaces: SingularSurfaces, ax: Axes | None = None, *, robot: Mecha
         raise InputError('A surface needs Axes of three dimensions: make them with subplot_kw={"projection": "3d"}.')
     free = [surfaces.pose_names.index(name) for name in surfaces.free]
     box = np.array([surfaces.request["box"][name][:2] for name in surfaces.free])
-    _frame(ax, surfaces, box)
+    units = [surfaces.units[name] for name in surfaces.free]
+    boxes.frame(ax, surfaces.free, units, box)
     chart = [] if robot is None else _chart_faces(robot, surfaces, box)
     handles: list[Artist] = [*_triangles(ax, surfaces, free, box, chart), *_veils(ax, box, chart)]
     handles += _crossing_lines(ax, surfaces, free)
@@ -75,43 +71,11 @@ def surfaces(surfaces: SingularSurfaces, ax: Axes | None = None, *, robot: Mecha
     return ax
 
 
-def _frame(ax: Axes3D, surfaces: SingularSurfaces, box: np.ndarray) -> None:
-    ax.computed_zorder = False
-    ax.set(xlim=box[0], ylim=box[1], zlim=box[2])
-    ax.margins(0)
-    ax.view_init(*_VIEW)
-    ax.set_proj_type("persp", focal_length=1.6)
-    ax.set_box_aspect(_proportions(surfaces, box), zoom=0.98)  # type: ignore[arg-type]
-    axes: tuple[Any, ...] = (ax.xaxis, ax.yaxis, ax.zaxis)
-    for name, axis, (low, high) in zip(surfaces.free, axes, box, strict=True):
-        unit = surfaces.units[name]
-        axis.set_label_text(style.axis_label(name, unit))
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
-        axis.line.set_linewidth(0.6)
-        if unit == "rad" and high - low >= math.pi:
-            style.ticks_in_pi(axis)
-        else:
-            axis.set_major_locator(MaxNLocator(6, steps=[1, 2, 5, 10]))
-        axis.set_tick_params(labelsize="small")
-        axis.labelpad = 8.0
-    part_tick_labels(ax)
-    upright_labels(ax, 8.3)
-    ax.grid(False)
-
-
-def _proportions(surfaces: SingularSurfaces, box: np.ndarray) -> np.ndarray:
-    """Returns the sides of the drawn box: one scale for axes of one unit, and the largest of every unit equal."""
-    sides = box[:, 1] - box[:, 0]
-    units = [surfaces.units[name] for name in surfaces.free]
-    largest = {unit: max(s for s, u in zip(sides, units, strict=True) if u == unit) for unit in units}
-    return np.array([side / largest[unit] for side, unit in zip(sides, units, strict=True)])
-
-
 def _triangles(
     ax: Axes3D, surfaces: SingularSurfaces, free: list[int], box: np.ndarray, chart: list["_Face"]
 ) -> list[Patch]:
     """Draws all surfaces together, without what lies in a face of the chart; returns the legend's handles."""
-    scale = _proportions(surfaces, box) / (box[:, 1] - box[:, 0])
+    scale = boxes.proportions([surfaces.units[name] for name in surfaces.free], box) / (box[:, 1] - box[:, 0])
     corners, colours, handles = [], [], []
     for number, surface in enumerate(surfaces):
         colour = np.array(to_rgb(_COLOURS[number % len(_COLOURS)]))

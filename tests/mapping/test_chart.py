@@ -189,3 +189,22 @@ def test_linear_joints_are_given_as_they_are():
     margins = np.asarray(bound.chart.margins(bound.data, jnp.array([x, y]) / unit))
     expected = [x + 1.5, 1.0 - x, joints[1] + 3, 2 - joints[1]]
     np.testing.assert_allclose(margins, np.array(expected) / np.repeat(bound.data.free_unit, 2), rtol=1e-12)
+
+
+@jk.mechanism
+class Parabola(jk.Mechanism):
+    """x = u^2: no length, for the pose may make the square negative; y^2 + 1 = v^2 is one where v is not negative."""
+
+    pose_axes = (jk.Axis("x", "length"), jk.Axis("y", "length"))
+    joint_axes = (jk.Axis("u", "length", 0.0), jk.Axis("v", "length"))
+    limits: jk.Limits
+
+    def constraints(self, pose, joints):
+        (x, y), (u, v) = pose, joints
+        return jnp.stack([x - u**2, y**2 + 1 - v**2])
+
+
+@pytest.mark.parametrize(("low", "kinds"), [(0.0, (UNKNOWN, SQUARE)), (-2.0, (UNKNOWN, UNKNOWN))])
+def test_a_square_tells_a_joint_only_where_neither_is_negative(low, kinds):
+    robot = Parabola(limits=jk.Limits.lengths(2, low=low, high=5.0))
+    assert chart_of(robot, (0, 1))[0].kinds == kinds

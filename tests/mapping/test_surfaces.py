@@ -77,6 +77,19 @@ class Unsolved(_Rails):
     rod: Array
 
 
+@jk.mechanism
+class Coupled(_Rails):
+    """The second drive moves the first carriage a little as well."""
+
+    pose_axes = Rails.pose_axes
+    joint_axes = Rails.joint_axes
+    feet: Array
+    rod: Array
+
+    def constraints(self, pose, joints):
+        return super().constraints(pose, joints + jnp.array([0.1, 0.0, 0.0]) * joints[1])
+
+
 def rails(feet: np.ndarray = RIGHT) -> Rails:
     return Rails(feet=jnp.asarray(feet), rod=jnp.asarray(3.0))
 
@@ -278,6 +291,50 @@ def test_a_fourth_pose_axis_is_fixed():
         np.testing.assert_allclose(surface.vertices[:, :3], other.vertices, atol=1e-12)
 
 
+def test_without_inverse_kinematics_the_legs_give_the_same_surfaces():
+    robot, own = rails(), Unsolved(feet=jnp.asarray(RIGHT), rod=jnp.asarray(3.0))
+    grid = jk.Grid(x=(-2.0, 3.0, 12), y=(-2.0, 3.0, 12), z=(-1.0, 1.0, 6))
+    given, found = jk.singular_surfaces(robot, grid), jk.singular_surfaces(own, grid)
+    assert len(found) == len(given) > 0
+    assert found.residual <= 1e-12
+    signs = {surface.name.removeprefix("det, working mode ") for surface in found}
+    assert signs <= {"".join(mode) for mode in np.ndindex(2, 2, 2) for mode in [["+-"[k] for k in mode]]}
+    # dF/dq = 2 (q - z): the kernel's mode k has q - z positive where its index is even, as the sign says.
+    for surface in found:
+        twin = given[f"det, working mode {int(surface.name[-3:].replace('+', '0').replace('-', '1'), 2)}"]
+        assert len(twin.vertices) == len(surface.vertices)
+        np.testing.assert_allclose(np.sort(twin.vertices, axis=0), np.sort(surface.vertices, axis=0), atol=1e-9)
+
+
+def test_the_joints_of_the_vertices_close_the_mechanism():
+    own = Unsolved(feet=jnp.asarray(RIGHT), rod=jnp.asarray(3.0))
+    grid = jk.Grid(x=(-2.0, 3.0, 12), y=(-2.0, 3.0, 12), z=(-1.0, 1.0, 6))
+    for robot, box_ in ((own, grid), (EXAMPLE, box(3.0, 12)), (rails(), grid)):
+        found = jk.singular_surfaces(robot, box_)
+        assert found.joint_names == tuple(axis.name for axis in robot.joint_axes)
+        for surface in found:
+            assert surface.joints.shape == (len(surface.vertices), 3)
+            closing = jax.vmap(robot.constraints)(jnp.asarray(surface.vertices), jnp.asarray(surface.joints))
+            assert np.max(np.abs(np.asarray(closing))) < 1e-12 * 100
+
+
+def test_serial_surfaces_are_where_a_rod_lies_across_its_rail():
+    own = Unsolved(feet=jnp.asarray(RIGHT), rod=jnp.asarray(3.0))
+    found = jk.singular_surfaces(own, jk.Grid(x=(-4.0, 5.0, 24), y=(-4.0, 5.0, 24), z=(-1.0, 1.0, 4)), kind="serial")
+    assert [surface.name for surface in found] == ["det B, leg 1", "det B, leg 2", "det B, leg 3"]
+    assert found.residual <= 1e-12
+    for surface, foot in zip(found, RIGHT, strict=True):
+        np.testing.assert_allclose(np.hypot(*(surface.vertices[:, :2] - foot).T), 3.0, rtol=1e-14)
+        others = [np.hypot(*(surface.vertices[:, :2] - other).T) for other in RIGHT]
+        assert np.max(others) <= 3.0 + 1e-12
+        closing = jax.vmap(own.constraints)(jnp.asarray(surface.vertices), jnp.asarray(surface.joints))
+        assert np.max(np.abs(np.asarray(closing))) < 1e-10
+    # A 3-RPR has lengths, which are not negative: no surface.
+    assert len(jk.singular_surfaces(EXAMPLE, box(3.0, 8), kind="serial")) == 0
+    with pytest.raises(jk.InputError, match="choose 'parallel', 'serial' or 'both'"):
+        jk.singular_surfaces(EXAMPLE, box(3.0, 8), kind="type 1")
+
+
 def test_joint_limits_cut_holes():
     limits = jk.Limits.lengths(3, low=0.0, high=20.0)
     robot = jk.mechanisms.rpr3.reference(limits)
@@ -347,9 +404,9 @@ def test_bad_boxes_and_mechanisms_are_refused_with_the_remedy():
         jk.singular_surfaces(zoo.build(np.array([zoo.EXAMPLE] * 2)), box(3.0, 8))
     with pytest.raises(jk.InputError, match="cannot be traced"):
         jax.jit(lambda r: jk.singular_surfaces(r, box(3.0, 8)))(EXAMPLE)
-    unsolved = Unsolved(feet=jnp.asarray(RIGHT), rod=jnp.asarray(3.0))
+    coupled = Coupled(feet=jnp.asarray(RIGHT), rod=jnp.asarray(3.0))
     with pytest.raises(jk.InputError, match=r"inverse_kernel\(pose\), or factors\(pose\)"):
-        jk.singular_surfaces(unsolved, jk.Grid(x=(0.0, 1.0, 4), y=(0.0, 1.0, 4), z=(0.0, 1.0, 4)))
+        jk.singular_surfaces(coupled, jk.Grid(x=(0.0, 1.0, 4), y=(0.0, 1.0, 4), z=(0.0, 1.0, 4)))
 
 
 def test_a_determinant_that_vanishes_everywhere_is_refused():
