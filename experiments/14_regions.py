@@ -20,6 +20,7 @@ def main() -> None:
         ("rpr3_reference_regions", reference, other, None),
     ):
         found = jk.regions(robot, where)
+        assert isinstance(found, jk.Regions)
         print(found)
         with open(folder / f"{name}.csv", "w", newline="") as file:
             writer = csv.writer(file)

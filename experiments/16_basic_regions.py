@@ -1,4 +1,4 @@
-"""The analytic 3-RPR: characteristic surfaces; over rho2 = 1 characteristic curves, basic regions, a uniqueness domain."""
+"""Characteristic surfaces of the analytic 3-RPR; over rho2 = 1 its characteristic curves and basic regions."""
 
 import math
 

@@ -15,6 +15,7 @@ from .core.mechanism import angle as angle
 from .core.mechanism import mechanism as mechanism
 from .core.precision import TOLERANCES as TOLERANCES
 from .core.precision import enable_x64 as enable_x64
+from .kinematics._track_events import TrackEvent as TrackEvent
 from .kinematics.frames import Frames as Frames
 from .kinematics.frames import forward_frames as forward_frames
 from .kinematics.jacobian import Jacobians as Jacobians
@@ -40,6 +41,8 @@ from .mapping._orientation_records import RotationBall as RotationBall
 from .mapping._orientation_records import Solid as Solid
 from .mapping._orientation_solids import aspect_solid as aspect_solid
 from .mapping._orientation_solids import joint_solid as joint_solid
+from .mapping._region_cells import Cell as Cell
+from .mapping._region_cells import Cells as Cells
 from .mapping._region_records import Region as Region
 from .mapping._region_records import Regions as Regions
 from .mapping._transitions import Transitions as Transitions

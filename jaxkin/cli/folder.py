@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from jaxkin.core.errors import StoreError
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 def check_folder(out: Path, own: str, force: bool) -> None:
@@ -60,14 +60,21 @@ def write_files(contents: dict[Path, bytes]) -> None:
                 aside.unlink(missing_ok=True)
 
 
-def pictures(paths: Iterable[Path], draw: Callable[[], "Axes"]) -> dict[Path, bytes]:
-    """Draws one figure, without a screen, and returns it in the format of each path's suffix."""
+def pictures(paths: Iterable[Path], draw: Callable[[], Any]) -> dict[Path, bytes]:
+    """Draws one figure, without a screen, and returns it in the format of each path's suffix.
+
+    Args:
+        paths: Where it will be written.
+        draw: Returns the figure's Axes, one or an array of them.
+    """
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
+    import numpy as np
 
-    figure = draw().get_figure(root=True)
+    # Figures of several panels come as an array of Axes.
+    figure = np.ravel(np.asarray(draw(), dtype=object))[0].get_figure(root=True)
     assert figure is not None
     contents = {}
     for path in paths:

@@ -85,11 +85,11 @@ def path_command(
         def draw() -> Any:
             from jaxkin.plot.mode_change import mode_change as picture
 
-            return picture(found)
+            return picture(found, robot)
 
-        content["files"] = write(out, "path", content, _rows(robot, found), draw, force)
+        content["files"] = write(out, "path", content, _rows(robot, found), draw if found.found else None, force)
         if animate and found.found:
-            content["files"]["gif"] = str(_animated(found, out / "path.gif", force))
+            content["files"]["gif"] = str(_animated(robot, found, out / "path.gif", force))
     show(robot, content, str(found), as_json)
 
 
@@ -128,13 +128,12 @@ def _rows(robot: "Mechanism", found: "ModeChange") -> Iterator[list[Any]]:
             yield [*map(float, pose), *map(float, joints), float(clearance)]
 
 
-def _animated(found: "ModeChange", path: Path, force: bool) -> Path:
+def _animated(robot: "Mechanism", found: "ModeChange", path: Path, force: bool) -> Path:
     if force or not path.exists():
         import matplotlib
 
         matplotlib.use("Agg")
-        from jaxkin.plot.mode_change import animate_mode_change
+        from jaxkin.plot.animation import animate_mode_change
 
-        path.unlink(missing_ok=True)
-        animate_mode_change(found, path)
+        animate_mode_change(found, path, robot, overwrite=force)
     return path

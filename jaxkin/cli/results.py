@@ -76,9 +76,14 @@ def timed(compute: Callable[[], Any]) -> tuple[Any, dict[str, Any]]:
 
 
 def write(
-    out: Path, name: str, content: dict[str, Any], lines: Iterator[list[Any]], draw: Callable[[], Any], force: bool
+    out: Path,
+    name: str,
+    content: dict[str, Any],
+    lines: Iterator[list[Any]],
+    draw: Callable[[], Any] | None,
+    force: bool,
 ) -> dict[str, str]:
-    """Writes the files that are missing (all, with --force); tells where each is.
+    """Writes the files that are missing (all, with --force), pictures where there is one; tells where each is.
 
     Raises:
         StoreError: The folder holds the result of another request.
@@ -86,8 +91,9 @@ def write(
     numbers, table, *shown = (out / f"{name}.{suffix}" for suffix in ("json", "csv", "png", "pdf"))
     if numbers.exists() and not force:
         check_request(numbers, content["request"])
+    shown = shown if draw is not None else []
     shown_missing = [path for path in shown if force or not path.exists()]
-    contents = pictures(shown_missing, draw) if shown_missing else {}
+    contents = pictures(shown_missing, draw) if draw is not None and shown_missing else {}
     if force or not table.exists():
         contents[table] = csv_text(next(lines), lines).encode()
     if force or not numbers.exists():

@@ -15,6 +15,8 @@ from jaxkin.mapping.batch import BLOCK, in_blocks
 
 #: Cells of an aspect among which its deepest pose is sought, and steps of the search from there.
 _CANDIDATES, _STEPS = 256, 40
+#: Error of a cell's shares by sub-points, at least, of what is shared.
+_COARSE = 5e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,7 +147,7 @@ def volumes(sheet: Sheet, owners: Owners) -> tuple[np.ndarray, np.ndarray, np.nd
     volume = shares_of(sheet, owners.cells) * cell[:, None]
     shared += np.bincount(np.maximum(component, 0).ravel(), np.where(component >= 0, volume, 0).ravel(), n)[:n]
     orphan += float(np.sum(volume[component < 0]))
-    return proved, shared, cells, orphan, _share_error(sheet)
+    return proved, shared, cells, orphan, max(_share_error(sheet), _COARSE * float(np.sum(shared))) + orphan
 
 
 def _share_error(sheet: Sheet) -> float:
@@ -198,7 +200,7 @@ def _measured(sheet: Sheet, points: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _deepest(sheet: Sheet, owners: Owners, component: int) -> np.ndarray:
-    """Returns the point of a component with the largest clearance found: the best of many cells, then a local search."""
+    """Returns the point of a component with the largest clearance: the best of many cells, then a local search."""
     chosen: list[np.ndarray] = []
     for level, cells in enumerate(sheet.tree.levels):
         places = np.flatnonzero((sheet.components.level(level) == component) & (cells.status >= 0))

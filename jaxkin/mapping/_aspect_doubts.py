@@ -30,18 +30,7 @@ def refine(sheet: Sheet) -> Owners:
     Returns:
         Whose the undecided leaves are.
     """
-    for level in range(sheet.box.levels + 1):
-        judge(sheet)
-        undecided = np.flatnonzero(sheet.tree.levels[-1].status == UNDECIDED)
-        if level >= sheet.box.levels - 2 or len(undecided) == 0:
-            contacts, owners = _counted(sheet)
-            sheet.totals.append(total_volumes(sheet))
-        if level == sheet.box.levels or len(undecided) == 0:
-            break
-        halve(sheet, undecided)
-        if level:
-            # Only the last levels are asked for neighbours again.
-            sheet.tree.levels[-3].neighbours = np.zeros((2 * sheet.tree.dimension, 0), np.int32)
+    contacts, owners = _down_to_the_grid(sheet)
     hidden = _hidden(sheet, owners)
     for _ in range(EXTRA):
         doubtful = _widened(sheet, np.concatenate([contacts.cells, hidden, _unowned(sheet, owners)]))
@@ -54,6 +43,29 @@ def refine(sheet: Sheet) -> Owners:
     _settle(sheet, contacts)
     _note_unowned(sheet, owners)
     return owners
+
+
+def _down_to_the_grid(sheet: Sheet) -> tuple[Contacts, Owners]:
+    for level in range(sheet.box.levels):
+        judge(sheet)
+        undecided = np.flatnonzero(sheet.tree.levels[-1].status == UNDECIDED)
+        if len(undecided) == 0:
+            return _full(sheet)
+        if level >= sheet.box.levels - 2:
+            _full(sheet)
+        halve(sheet, undecided)
+        if level:
+            # Only the last levels are asked for neighbours again.
+            sheet.tree.levels[-3].neighbours = np.zeros((2 * sheet.tree.dimension, 0), np.int32)
+    judge(sheet)
+    return _full(sheet)
+
+
+def _full(sheet: Sheet) -> tuple[Contacts, Owners]:
+    """Counts a level below which there are no cells yet, and adds up its volumes."""
+    found = _counted(sheet)
+    sheet.totals.append(total_volumes(sheet))
+    return found
 
 
 def _counted(sheet: Sheet) -> tuple[Contacts, Owners]:

@@ -164,7 +164,7 @@ def join_by_lines(sheet: Sheet, owners: Owners) -> tuple[Contacts, int]:
     """Joins components that a line through an undecided cell connects, all walls keeping their signs along it.
 
     Returns:
-        The contacts that remain, and how many lines joined.
+        The contacts that remain, and how many components became parts of others.
     """
     none = Contacts(*(np.zeros(0, np.int64) for _ in range(4)))
     if not shared_codes(sheet):
@@ -178,9 +178,10 @@ def join_by_lines(sheet: Sheet, owners: Owners) -> tuple[Contacts, int]:
         if not good.any():
             return contacts, joined
         hits = chosen[good]
+        before = sheet.components.count
         sheet.components.unite(first[hits], second[hits])
+        joined += before - sheet.components.count
         sheet.links.append(np.stack([contacts.first[hits], contacts.second[hits]]))
-        joined += int(good.sum())
         first, second = (sheet.components.of(sheet.tree, cells) for cells in (contacts.first, contacts.second))
         contacts = contacts.picked(np.flatnonzero(first != second))
     return contacts, joined

@@ -1,7 +1,7 @@
 """Paths through proved cells."""
 
 import numpy as np
-from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse import coo_array, csr_array
 from scipy.sparse.csgraph import breadth_first_order
 
 from jaxkin.mapping._aspect_assembly import Charted, anchors
@@ -34,15 +34,15 @@ def path_between(charted: Charted, number: int, start: np.ndarray, goal: np.ndar
     return np.array(points)
 
 
-def _graph(sheet: Sheet) -> csr_matrix:
+def _graph(sheet: Sheet) -> csr_array:
     """Returns the adjacency of all cells: faces, and lines through undecided cells."""
     pairs = np.concatenate([level.edges for level in sheet.tree.levels] + sheet.links, axis=1)
     size = sheet.tree.size
     ones = np.ones(pairs.shape[1], np.int8)
-    return coo_matrix((np.tile(ones, 2), (np.concatenate(pairs), np.concatenate(pairs[::-1]))), (size, size)).tocsr()
+    return coo_array((np.tile(ones, 2), (np.concatenate(pairs), np.concatenate(pairs[::-1]))), (size, size)).tocsr()
 
 
-def _route(graph: csr_matrix, first: int, last: int) -> np.ndarray:
+def _route(graph: csr_array, first: int, last: int) -> np.ndarray:
     """Returns the cells of a path with fewest cells: it keeps to large ones, far from walls."""
     _, before = breadth_first_order(graph, last, directed=False)
     cells = [first]

@@ -49,7 +49,8 @@ class Aspect:
     def __str__(self) -> str:
         """A summary of one line."""
         edge = ", reaches the edge of the grid" if self.touches_edge else ""
-        return f"{self.name}: volume {self.volume:.8g} +- {self.error:.1g}, clearance {self.clearance:.4g} at its deepest{edge}"
+        volume = f"volume {self.volume:.8g} +- {self.error:.1g}"
+        return f"{self.name}: {volume}, clearance {self.clearance:.4g} at its deepest{edge}"
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,7 +105,7 @@ class Aspects(NamedParts[Aspect]):
         return self.aspects
 
     @property
-    def count(self) -> int:
+    def count(self) -> int:  # type: ignore[override]
         """Number of aspects."""
         return len(self.aspects)
 
@@ -204,7 +205,8 @@ class Aspects(NamedParts[Aspect]):
     def _placed(self, pose: ArrayLike, joints: ArrayLike | None) -> tuple[int, np.ndarray]:
         """Returns the sheet and the free coordinates of a configuration."""
         robot = self._charted.robot
-        vector = np.asarray(checked_vector("Aspects", "the pose", pose, robot.pose_axes))
+        given = checked_vector("Aspects", "the pose", pose, robot.pose_axes)
+        vector = np.asarray(given)
         modes = self._charted.modes
         for k, name in enumerate(self.pose_names):
             if name not in self.free and abs(vector[k] - self._charted.fixed[k]) > 1e-9 * (1 + abs(vector[k])):
@@ -215,7 +217,7 @@ class Aspects(NamedParts[Aspect]):
         sheet = 0
         if joints is not None:
             found = checked_vector("Aspects", "the joints", joints, robot.joint_axes)
-            mode = np.asarray(working_mode(robot, self._charted.legs, vector, found)).astype(int)
+            mode = np.asarray(working_mode(robot, self._charted.legs, given, found)).astype(int)
             sheet = modes.index(tuple(mode.tolist())) if tuple(mode.tolist()) in modes else -1
         elif len(modes) > 1:
             raise InputError(

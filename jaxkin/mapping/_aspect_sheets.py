@@ -23,6 +23,8 @@ from jaxkin.numerics.enclosure import Enclosure, UnsupportedOperation, enclosure
 
 #: Cells that one compiled call takes, and one enclosure.
 BLOCK, _BOXES = 8192, 4096
+#: So many cells get bounds of their own for the sake of all their descendants; more only where these would need them.
+_FEW = 16384
 #: What of a wall's magnitude over the box counts as rounding.
 _ROUNDING = 1e-13
 
@@ -191,7 +193,8 @@ def judge(sheet: Sheet) -> None:
     level = len(sheet.tree.levels) - 1
     last = sheet.tree.levels[-1]
     status, loose, kinds = _judged(sheet, level, last.index, sheet.remainder)
-    again = np.flatnonzero((status == UNDECIDED) & loose)
+    few = int(np.sum(loose > 0)) <= _FEW
+    again = np.flatnonzero(loose > (0 if few else 1))
     if len(again) and level:
         found, _ = _remainders(sheet, level, last.index[again])
         sheet.remainder[again] = np.minimum(sheet.remainder[again], found)  # type: ignore[index]
@@ -223,7 +226,7 @@ def halve(sheet: Sheet, which: np.ndarray) -> None:
 
 
 def share(sheet: Sheet, level: int) -> None:
-    """Shares out the undecided cells of a level among the codes: exactly at sub-points of plane cells, else by linear forms."""
+    """Shares out the undecided cells of a level among the codes: exactly in the plane, else by linear forms."""
     cells = sheet.tree.levels[level]
     places = np.flatnonzero(cells.status == UNDECIDED)
     low, width = jnp.asarray(sheet.box.low), jnp.asarray(sheet.box.width(level))

@@ -113,14 +113,16 @@ class Walls:
     def smooth(self, data: WallData, u: Array) -> Array:
         """Returns the singular walls, then the inner ones, ``(n_smooth,)``."""
         pose = self.pose(data, u)
-        singular: list[Array] = []
+        inner = [_discriminant(self, data, pose, k) for k in self.reality]
+        limits = [_limit(self, data, pose, *which) for which in self.limits]
+        return jnp.stack([*self.singular_values(data, pose), *inner, *limits])
+
+    def singular_values(self, data: WallData, pose: Array) -> list[Array]:
+        """Returns the singular walls."""
         if self.singular and self.factors:
             declared: dict[str, Array] = data.robot.factors(pose)  # type: ignore[attr-defined]
-            singular = [declared[name] for name in self.factors]
-        elif self.singular:
-            singular = [self.determinant(data, pose)]
-        inner = [_discriminant(self, data, pose, k) for k in self.reality]
-        return jnp.stack([*singular, *inner, *(_limit(self, data, pose, *which) for which in self.limits)])
+            return [declared[name] for name in self.factors]
+        return [self.determinant(data, pose)] if self.singular else []
 
     def determinant(self, data: WallData, pose: Array) -> Array:
         """Returns det A on the sheet."""
@@ -224,9 +226,10 @@ def _judged(walls: Walls, data: WallData, u: Array, half: Array, remainder: Arra
     proved = jnp.all(sure)
     code = code_of(walls, value)
     status = jnp.where(outside, OUTSIDE, jnp.where(proved, code, UNDECIDED)).astype(jnp.int8)
-    # Decided but for second derivatives, and so loosely that children, of a quarter of the bound, would not be either.
+    # Decided but for second derivatives; and so loosely that children, of a quarter of the bound, would not be either.
     spare = jnp.abs(value[:n]) - spread - tiny[:n]
-    loose = (status == UNDECIDED) & jnp.all(sure[:n] | (spare > 0)) & jnp.any(~sure[:n] & ~(remainder < 4 * spare))
+    could = (status == UNDECIDED) & jnp.all(sure[:n] | (spare > 0))
+    loose = jnp.where(could, jnp.where(jnp.any(~sure[:n] & ~(remainder < 4 * spare)), 2, 1), 0).astype(jnp.int8)
     # The gradient is nowhere zero where one slope exceeds what second derivatives can take from it.
     bent = ~(jnp.max(jnp.abs(slope[:n]), axis=1) > 2 * remainder)
     flat = jnp.any(~sure[: walls.n_singular] & bent[: walls.n_singular])
@@ -243,7 +246,7 @@ def code_of(walls: Walls, value: Array) -> Array:
 def judged_cells(
     walls: Walls, data: WallData, low: Array, width: Array, tiny: Array, index: Array, remainder: Array
 ) -> tuple[Array, ...]:
-    """Judges cells: their status, where enclosures are too loose to decide, and where a wall may be critical.
+    """Judges cells: their status, where enclosures are too loose, and where a wall may be critical.
 
     Args:
         walls: Structure of the sheet.
@@ -255,7 +258,8 @@ def judged_cells(
         remainder: ``(k, n_smooth)`` bounds of second-order remainders over the cells.
 
     Returns:
-        ``(k,)`` each: int8 code of signs where all walls are proved to keep theirs, else OUTSIDE or UNDECIDED; bool; and
+        ``(k,)`` each: int8 code of signs where all walls are proved to keep theirs, else OUTSIDE or UNDECIDED; int8,
+        where tighter bounds could decide an undecided cell 1, and 2 where its children would need them as well; and
         int8 REGULAR where one wall is undecided, FLAT where it is a singular one whose gradient may vanish, SEVERAL
         where several are undecided.
     """
@@ -267,8 +271,8 @@ def judged_cells(
 def shared_cells(walls: Walls, data: WallData, low: Array, width: Array, index: Array, exact: bool) -> Array:
     """Returns the share of each code in each cell at sub-points, ``(k, 2^n_singular)``; no more than 1 together.
 
-    By linear forms about the centre, or exactly, which takes so many times as long as there are sub-points. A linear form
-    that is not finite gives NaN.
+    By linear forms about the centre, or exactly, which takes so many times as long as there are sub-points. A linear
+    form that is not finite gives NaN.
     """
     d = len(walls.free)
     count = _SUBPOINTS[d]
@@ -283,7 +287,7 @@ def shared_cells(walls: Walls, data: WallData, low: Array, width: Array, index: 
             values = value[None] + points @ slope.T
         inside = jnp.all(values[:, walls.n_singular :] > 0, axis=1)
         codes = jnp.where(inside, code_of(walls, values), -1)
-        shares = jnp.stack([jnp.mean(codes == code) for code in range(1 << walls.n_singular)])
+        shares = jnp.stack([jnp.mean(codes == code, dtype=float) for code in range(1 << walls.n_singular)])
         return shares if exact else shares + 0 * jnp.sum(values)
 
     return jax.vmap(one)(low + (index + 0.5) * width)
@@ -326,24 +330,31 @@ def critical_points(walls: Walls, data: WallData, starts: Array, which: Array, w
         width: ``(d,)`` longest step.
 
     Returns:
-        Points ``(k, d)``, the walls there ``(k,)``, their slopes over a width ``(k,)``, and True where it is an extremum.
+        Points ``(k, d)``, the walls there ``(k,)``, their slopes over a width ``(k,)``, and where it is an extremum.
     """
 
     def one(start: Array, number: Array) -> tuple[Array, ...]:
         def wall(v: Array) -> Array:
-            return jnp.take(walls.smooth(data, start + v * width)[: walls.n_singular], number)
+            return jnp.stack(walls.singular_values(data, walls.pose(data, start + v * width)))[number]
 
-        gradient = jax.grad(wall)
-        bend = jax.jacfwd(gradient)
+        def both(v: Array) -> tuple[Array, tuple[Array, Array]]:
+            value, slope = jax.value_and_grad(wall)(v)
+            return slope, (value, slope)
 
-        def step(_: int, v: Array) -> Array:
-            move = pivoted_solve(bend(v), gradient(v))
-            return v - move * jnp.minimum(1.0, 1.0 / (jnp.max(jnp.abs(move)) + 1e-300))
+        curved = jax.jacfwd(both, has_aux=True)
 
-        v = jax.lax.fori_loop(0, 12, step, jnp.zeros_like(start))
-        bends = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(bend(v)), bend(v), 0.0))
-        slope = jnp.max(jnp.abs(gradient(v)))
-        return start + v * width, wall(v), slope, jnp.all(bends > 0) | jnp.all(bends < 0)
+        # The function stands in the loop only: it is what takes long to compile.
+        def step(_: int, carry: tuple[Array, ...]) -> tuple[Array, ...]:
+            v = carry[1]
+            bend, (value, slope) = curved(v)
+            move = pivoted_solve(bend, slope)
+            return v, v - move * jnp.minimum(1.0, 1.0 / (jnp.max(jnp.abs(move)) + 1e-300)), value, slope, bend
+
+        zero = jnp.zeros_like(start)
+        first = zero, zero, jnp.zeros(()), zero, jnp.zeros((len(start), len(start)))
+        v, _, value, slope, bend = jax.lax.fori_loop(0, 13, step, first)
+        bends = jnp.linalg.eigvalsh(jnp.where(jnp.isfinite(bend), bend, 0.0))
+        return start + v * width, value, jnp.max(jnp.abs(slope)), jnp.all(bends > 0) | jnp.all(bends < 0)
 
     return jax.vmap(one)(starts, which)
 

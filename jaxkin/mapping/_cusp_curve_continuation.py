@@ -143,10 +143,8 @@ def _round(function: Function, inside: Function, chart: Any, shared: tuple[Any, 
 def _tangents(function: Function, chart: Any, data: Any, u: Array) -> Array:
     def one(u: Array) -> Array:
         slope = jax.jacfwd(partial(function, chart, data))(u)
-        if slope.shape[1] <= 4:
-            t = null_vector(slope)
-        else:
-            t = jnp.linalg.svd(slope, full_matrices=True)[2][-1]
+        small = slope.shape[1] <= 4
+        t = null_vector(slope) if small else jnp.linalg.svd(slope, full_matrices=True)[2][-1]
         return t / jnp.sqrt(jnp.sum(t * t))
 
     return jax.vmap(one)(u)
@@ -207,7 +205,7 @@ def trace(
         jnp.asarray(longest),
         jnp.asarray(noise),
     )
-    tracks: dict[int, list[np.ndarray]] = {lane: [] for lane in np.flatnonzero(np.tile(alive, 2))}
+    tracks: dict[int, list[np.ndarray]] = {int(lane): [] for lane in np.flatnonzero(np.tile(alive, 2))}
     for _ in range(-(-most_steps // _ROUND)):
         lanes, points, moves = _round(function, inside, chart, shared, lanes)
         points, moves = np.asarray(points), np.asarray(moves)

@@ -174,7 +174,7 @@ def _critical_marks(sheet: Sheet, segments: _Segments) -> _Marks:
     which, axis, share = _guesses(segments)
     u, t = _at(segments, which, share)
     chart, data = sheet.chart, sheet.data
-    u, t, residual = over_points(equations.seek_critical, chart, data, u, t, np.eye(3)[axis])
+    u, t, residual = over_points(equations.polish_critical, chart, data, u, t, np.eye(3)[axis])
     share, on = _placed(segments, which, u)
     good = (residual <= FOUND) & on
     which, axis, share, u, t = which[good], axis[good], share[good], u[good], t[good]
@@ -340,7 +340,7 @@ def _borders(
         (k, j, edge, s)
         for k, j in steps
         for edge in np.flatnonzero(margins[j] < 0)
-        for s in _shares(margins, k, j, edge)
+        for s in _shares(margins, int(k), int(j), int(edge))
     ]
     if not jobs:
         return {}

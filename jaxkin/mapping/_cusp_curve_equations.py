@@ -8,7 +8,7 @@ the sheet of both, so that the whole curve on which they meet would solve the eq
 
 from collections.abc import Callable
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +19,7 @@ from jaxkin.core.mechanism import scale_vector
 from jaxkin.mapping.batch import in_blocks
 from jaxkin.mapping.chart import SQUARE, Chart, SectionData, factor_names
 from jaxkin.mapping.section import Section
-from jaxkin.numerics.newton import descend, polish
+from jaxkin.numerics.newton import descend, polish, value_and_slope
 from jaxkin.numerics.small_linalg import pivoted_solve
 
 #: Lengths below which a frozen measure is not trusted.
@@ -49,7 +49,7 @@ class Sheet(NamedTuple):
     """
 
     section: Section
-    data: SheetData
+    data: Any
     name: str
     other_names: tuple[str, ...]
 
@@ -185,11 +185,30 @@ def _joint_rate(chart: Chart, data: SheetData, u: Array, t: Array, axis: Array) 
 
 
 def seek_critical(chart: Chart, data: SheetData, u: Array, t: Array, axis: Array) -> tuple[Array, Array, Array]:
-    """Descends from a point and a tangent to a critical point of a joint; returns it, its unit tangent, the residual."""
+    """Descends from a point and a tangent to a critical point of a joint; returns both there, and the residual."""
     m = chart.dimension
     system = partial(critical, chart, data, axis=axis, along=t)
     z = descend(system, jnp.concatenate([u, t]), 30)
     return z[:m], z[m:] / jnp.sqrt(jnp.sum(z[m:] ** 2)), jnp.max(jnp.abs(system(z)))
+
+
+def polish_critical(chart: Chart, data: SheetData, u: Array, t: Array, axis: Array) -> tuple[Array, Array, Array]:
+    """Applies Newton's method to ``critical``; returns the point and its unit tangent, and the last residual but one.
+
+    Two critical points may be so near each other that a descent stays between them.
+    """
+    m = chart.dimension
+    both = value_and_slope(partial(critical, chart, data, axis=axis, along=t))
+
+    def step(_: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
+        z, _ = carry
+        value, slope = both(z)
+        move = pivoted_solve(slope, value)
+        z = z - move * jnp.minimum(1.0, 0.1 / (jnp.max(jnp.abs(move)) + 1e-300))
+        return z, jnp.max(jnp.abs(value))
+
+    z, residual = jax.lax.fori_loop(0, 12, step, (jnp.concatenate([u, t]), jnp.inf * jnp.ones(())))
+    return z[:m], z[m:] / jnp.sqrt(jnp.sum(z[m:] ** 2)), residual
 
 
 def on_border(chart: Chart, data: SheetData, u: Array, edge: Array) -> tuple[Array, Array, Array]:
@@ -279,7 +298,7 @@ def measure(chart: Chart, data: SheetData, u: Array, t: Array, axis: Array) -> t
 
 
 def gradient_share(chart: Chart, data: SheetData, u: Array) -> Array:
-    """Returns the slope of det A on the box's manifold over the determinant's size: small where det A crosses itself."""
+    """Returns the slope of det A on the box over the determinant's size: small where the singular set crosses itself."""
     slope = jax.jacfwd(partial(chart.determinant, data.section))(u)
     if chart.n_rows:
         rows = jax.jacfwd(partial(chart.section, data.section))(u)

@@ -1,5 +1,6 @@
 """Monotone pieces of the cusp curves for each free joint, what happens at their ends, and which share their image."""
 
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -117,7 +118,7 @@ def _pieces(
         at[k] = first + len(events)
         kind = kinds[place] if k in critical else "end"
         events.append(Event(value, float(errors[place]), kind, curve.joints[k], curve.poses[k]))
-    runs = [(np.arange(a, b + 1), (at[a], at[b])) for a, b in zip(nodes, nodes[1:], strict=False)]
+    runs = [(np.arange(a, b + 1), (at[a], at[b])) for a, b in pairwise(nodes)]
     if cut.closed:
         around = np.concatenate([np.arange(nodes[-1], n), np.arange(nodes[0] + 1)])
         runs.append((around, (at[nodes[-1]], at[nodes[0]])))
@@ -172,7 +173,7 @@ def _errors(curve: Drawn, axis: int, joint: int, nodes: list[int]) -> np.ndarray
     u = (cut.points[nodes][:, None] + shifts[None]).reshape(-1, m)
     t = np.repeat(cut.tangents[nodes], _RESTARTS, axis=0)
     picks = np.tile(np.eye(3)[axis], (len(u), 1))
-    again = over_points(equations.seek_critical, sheet.chart, sheet.data, u, t, picks)[0]
+    again = over_points(equations.polish_critical, sheet.chart, sheet.data, u, t, picks)[0]
     values = evaluated(sheet.section, again)[0][:, joint].reshape(len(nodes), _RESTARTS)
     spread = np.max(np.abs(values - curve.joints[nodes, joint][:, None]), axis=1)
     rounding = 4 * _ULP * np.max(np.abs(curve.joints[nodes]), axis=1)
@@ -246,7 +247,7 @@ def _gaps(curves: list[Drawn], pieces: list[_Piece], axis: int, jobs: list[tuple
     """Returns how far the images of pairs of pieces are apart at three values each, ``(jobs, 3)``, relative."""
     if not jobs:
         return np.zeros((0, 3))
-    joints = [_on_pieces(curves, pieces, axis, [(job[side], job[2]) for job in jobs]) for side in (0, 1)]
+    joints = [_on_pieces(curves, pieces, axis, [(pair[side], at) for *pair, at in jobs]) for side in (0, 1)]
     size = 1 + np.abs(joints[0])
     return np.max(np.abs(joints[0] - joints[1]) / size, axis=2)
 

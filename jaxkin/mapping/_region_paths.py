@@ -303,7 +303,8 @@ class _Ends(NamedTuple):
 
 def _leg_vanishes(place: np.ndarray, rate: np.ndarray, _: np.ndarray, j: int) -> np.ndarray:
     """Half the rate of the leg's square; far from where it vanishes it is not asked for."""
-    return np.where(place[:, j] < _SHORT, place[:, j] * rate[:, j], np.nan)
+    with np.errstate(invalid="ignore"):  # Where it vanishes, exactly, the rate is infinite: the search ends there.
+        return np.where(place[:, j] < _SHORT, place[:, j] * rate[:, j], np.nan)
 
 
 def _passes_seam(place: np.ndarray, _: np.ndarray, level: np.ndarray, j: int) -> np.ndarray:
@@ -311,7 +312,8 @@ def _passes_seam(place: np.ndarray, _: np.ndarray, level: np.ndarray, j: int) ->
 
 
 def _turns_back(_: np.ndarray, rate: np.ndarray, __: np.ndarray) -> np.ndarray:
-    return tilted(rate)
+    with np.errstate(invalid="ignore"):
+        return tilted(rate)
 
 
 def _cut_where(plane: Plane, strands: list[Strand], measure, zero: int = -1, seam: int = -1) -> list[Strand]:  # type: ignore[no-untyped-def]

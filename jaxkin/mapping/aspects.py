@@ -32,8 +32,8 @@ def aspects(
 
     Args:
         robot: The mechanism; every equation holds one joint (``jaxkin.kinematics.legs``).
-        grid: A grid over the pose axes: its numbers are the finest cells along each axis, which are made only where they
-            are needed; a number fixes an axis. None takes the box that reach and limits leave.
+        grid: A grid over the pose axes: its numbers are the finest cells along each axis, which are made only where
+            they are needed; a number fixes an axis. None takes the box that reach and limits leave.
         limits: True for all margins of the mechanism (joint limits, interference, passive joints), ``"joints"`` for
             the joints' own limits alone, False for none.
         clearance: Poses count only where the clearance (smallest singular value of -B^-1 A, scaled by the
@@ -49,8 +49,8 @@ def aspects(
             whose working modes are no sign vectors.
         GeometryError: The geometry is degenerate.
 
-    The singularities are those of the chain that the constraints describe: the wrists of the TLPM, for instance, turn the
-    platform by equations of their own, and are not in them. Volumes are in pose coordinates (of Euler angles too).
+    The singularities are those of the chain that the constraints describe: the wrists of the TLPM, for instance, turn
+    the platform by equations of their own, and are not in them. Volumes are in pose coordinates (of Euler angles too).
     Chart ends (theta = +-pi/2 of Euler angles) need no glue: gimbal locks have codimension two in the configuration
     space, and do not separate.
 
@@ -121,8 +121,8 @@ def _refuse_coarse(task: Task, sheets: list[Sheet]) -> None:
     if all(sheet.components.count == 0 for sheet in sheets) and any(sheet.undecided[-1] for sheet in sheets):
         counts = ", ".join(f"{name}: {value[2]}" for name, value in task.grid.items() if isinstance(value, list))
         raise InputError(
-            f"{WHO}: no cell of the grid ({counts}) is proved regular: it is too coarse to say anything; give more cells "
-            "along each axis, or a smaller box."
+            f"{WHO}: no cell of the grid ({counts}) is proved regular: it is too coarse to say anything; give more "
+            "cells along each axis, or a smaller box."
         )
 
 

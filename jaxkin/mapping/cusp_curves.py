@@ -14,7 +14,6 @@ from jaxkin.mapping._cusp_curve_equations import Sheet, sheets_of
 from jaxkin.mapping._cusp_curve_pieces import Drawn, all_transitions
 from jaxkin.mapping._cusp_curve_seeds import trace_sheet
 from jaxkin.mapping._transitions import Pieces, Transitions
-from jaxkin.mapping.assembly import Arc, End, distance_to_arcs
 from jaxkin.mapping.loci import evaluated, summed
 from jaxkin.mapping.named import NamedParts
 from jaxkin.mapping.records import DISAGREEMENTS
@@ -112,7 +111,7 @@ class CuspCurves(NamedParts[CuspCurve]):
         """
         return self._transitions[self._name("transitions", axis)]
 
-    def count(self, axis: str | int, value: float) -> int:
+    def count(self, axis: str | int, value: float) -> int:  # type: ignore[override]
         """Returns the number of cusps (distinct joint points) of the section on which a joint has a value.
 
         Exact between transitions, as far as the curves are complete. At a transition itself its own point is not
@@ -212,8 +211,8 @@ def cusp_curves(robot: Mechanism, box: Grid) -> CuspCurves:
             robot cut the ranges.
 
     Returns:
-        The curves, longest first, each with ``.joints``, ``.poses``, ``.closed``, ``.ends``; and ``.transitions(axis)``,
-        ``.count(axis, value)``, ``.evidence``. Empty where the box has no cusps.
+        The curves, longest first, each with ``.joints``, ``.poses``, ``.closed``, ``.ends``; and
+        ``.transitions(axis)``, ``.count(axis, value)``, ``.evidence``. Empty where the box has no cusps.
 
     Raises:
         PrecisionError: float64 is not enabled.

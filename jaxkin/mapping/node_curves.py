@@ -173,8 +173,8 @@ def node_curves(robot: Mechanism, box: Grid) -> NodeCurves:
             robot cut the ranges.
 
     Returns:
-        The curves, longest first, each with ``.joints (k, n_joint)``, ``.poses (k, 2, n_pose)``, ``.closed``, ``.ends``;
-        and ``.excess``, ``.evidence``. A pair stands once, in either order.
+        The curves, longest first, each with ``.joints (k, n_joint)``, ``.poses (k, 2, n_pose)``, ``.closed``,
+        ``.ends``; and ``.excess``, ``.evidence``. A pair stands once, in either order.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -230,7 +230,7 @@ class _Pair:
         self.tails = tails or (np.zeros((0, m)), np.zeros((0, m)))
         self.same = tails is not None
         self.period = np.concatenate([self.section.period, self.section.period])
-        self.data = PairData(
+        self.data: Any = PairData(
             one.data,
             two.data,
             jnp.asarray(1.0 if self.same else 0.0),
@@ -245,8 +245,8 @@ class _Pair:
         if dependent:
             names = f"{self.one.name} and {self.two.name}" if self.one.name else "det A = 0"
             words = [
-                f"{names}: {dependent} of {dependent + len(spread)} pairs found lie in a set of more than one dimension "
-                "(a symmetry gives singular poses partners over the same joints)"
+                f"{names}: {dependent} of {dependent + len(spread)} pairs found lie in a set of more than one "
+                "dimension (a symmetry gives singular poses partners over the same joints)"
             ]
         born = np.zeros((0, 2 * self.chart.dimension)) if dependent else self._from_swallowtails()
         everything = np.concatenate([born, spread])

@@ -1,8 +1,8 @@
 """An adaptive complex of box cells with glued axes: a tree of levels, neighbours by pointers, components by edges.
 
 Cells are halved along every axis at once. A cell knows its face neighbours of its own size, or the larger leaf in their
-place; smaller ones know it. Nothing is sorted or searched: a child's neighbours are its siblings and the children of its
-parent's neighbours, so that cost grows with the number of cells alone, and cells are made only where they are needed.
+place; smaller ones know it. Nothing is sorted or searched: a child's neighbours are its siblings and the children of
+its parent's neighbours, so that cost grows with the number of cells alone, and cells are made only where needed.
 """
 
 from dataclasses import dataclass
@@ -19,8 +19,8 @@ class Level:
     Attributes:
         offset: Number of the first cell among all cells.
         index: ``(n, d)`` integer places.
-        neighbours: ``(2 d, n)`` number of the cell behind each face, of this size or larger, -1 where the box ends: axis
-            by axis, lower face first. Of the last levels only.
+        neighbours: ``(2 d, n)`` number of the cell behind each face, of this size or larger, -1 where the box ends:
+            axis by axis, lower face first. Of the last levels only.
         status: ``(n,)`` int8, -2 where nothing is known yet.
         child: ``(n,)`` number of the first child, -1 where there is none.
         edges: ``(2, k)`` pairs of joined cells, the first of this level, the other of this level or a coarser one.

@@ -5,8 +5,8 @@ derivatives carried along, for all boxes at once. Nothing is compiled. What encl
 which is not directed: a user of the bounds keeps a margin far above it.
 
 References:
-    Moore, R. E., 1966, "Interval Analysis"; Neumaier, A., 1990, "Interval Methods for Systems of Equations" (second-order
-    slopes and Taylor forms).
+    Moore, R. E., 1966, "Interval Analysis"; Neumaier, A., 1990, "Interval Methods for Systems of Equations" (mean
+    value and Taylor forms).
 """
 
 from collections.abc import Callable, Sequence
@@ -302,10 +302,8 @@ def _elementwise(name: str, inputs: list[Jet], params: dict[str, Any]) -> Jet | 
 
 def _taken(jet: Jet, where: np.ndarray) -> Jet:
     """Returns entries of a jet by their places."""
-    if iv.thin(jet.value):
-        value = iv.point(jet.value[0][where])
-    else:
-        value = (jet.value[0][where], jet.value[1][where])
+    low = jet.value[0][where]
+    value = (low, low) if iv.thin(jet.value) else (low, jet.value[1][where])
     rest = (None if part is None else (part[0][:, where], part[1][:, where]) for part in (jet.first, jet.second))
     return Jet(value, *rest, centre=None if jet.centre is None else jet.centre[where], half=jet.half, jumps=jet.jumps)
 
@@ -539,7 +537,8 @@ class Enclosure:
             (result,) = _replayed(self.jaxpr, self.consts, inputs, d, self.known)
         shapes = (self.size, boxes), (d, self.size, boxes), (d * (d + 1) // 2, self.size, boxes)
         parts = result.value, result.first, result.second
-        return Jet(*(_filled(part, shape) for part, shape in zip(parts, shapes, strict=True)))
+        value, first, second = (_filled(part, shape) for part, shape in zip(parts, shapes, strict=True))
+        return Jet(value, first, second)
 
 
 def _filled(part: Interval | None, shape: tuple[int, ...]) -> Interval:

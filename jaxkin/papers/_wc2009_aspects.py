@@ -1,4 +1,4 @@
-"""What Wenger and Chablat 2009 say of aspects, basic regions and changes of assembly mode (text after Figs. 2 and 3)."""
+"""What Wenger and Chablat 2009 say of aspects, basic regions and mode changes (text after Figs. 2 and 3)."""
 
 import math
 
@@ -15,7 +15,7 @@ from jaxkin.reports.document import Picture
 #: Random joint values at which the modes of each aspect are counted, and further geometries whose aspects are counted.
 _JOINTS, _GEOMETRIES = 4000, ((1.5, -0.7, 0.4), (1.0, 2.0, -1.25))
 #: Joint values with six assembly modes.
-_SIX = (1.2, 1.0, 1.5)
+_SIX = np.array([1.2, 1.0, 1.5])
 
 
 def aspects_and_changes() -> Part:
@@ -40,7 +40,7 @@ def aspects_and_changes() -> Part:
             jk.plot.basic_regions(basic), "Basic regions and components over the section of Fig. 3 [not in the paper]"
         ),
         "mode_change": Picture.of(
-            jk.plot.mode_change(change), "A change of assembly mode that meets no singularity [not in the paper]"
+            jk.plot.mode_change(change, robot), "A change of assembly mode that meets no singularity [not in the paper]"
         ),
     }
     return Part("Aspects and changes of assembly mode", tuple(checks), pictures)

@@ -36,6 +36,8 @@ _SLICES = 6
 _MOST_NAMES, _LEAST_SHARE = 16, 0.002
 #: Longer side of a panel, room for its labels, and width of the figure, inches.
 _SIZE, _LABELS, _PAGE = 2.7, 0.45, 10.0
+#: Height of a row of the legend, inches.
+_ENTRY = 0.19
 
 
 def aspects(
@@ -291,7 +293,7 @@ def _panels(count: int, proportion: float) -> np.ndarray:
     columns = -(-count // -(-count // columns))
     rows = -(-count // columns)
     height = _SIZE / max(proportion, 1.0)
-    size = (max((width + 0.2) * columns + 2 * _LABELS, 6.0), (height + _LABELS) * rows + 1.0)
+    size = (max((width + 0.2) * columns + 2 * _LABELS, 6.0), (height + _LABELS + 0.25) * rows + 0.4)
     _, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False, sharex=True, sharey=True)
     for ax in axes.flat[count:]:
         ax.set_axis_off()
@@ -312,7 +314,10 @@ def _given(axes: Sequence[Axes], count: int) -> np.ndarray:
 def _legend(panels: np.ndarray, handles: list[Artist], *, own: bool) -> None:
     look: dict[str, Any] = {"handles": handles, "frameon": False, "fontsize": "small"}
     if own:
-        columns = 3 if panels[0].figure.get_figwidth() > 8 else 2
+        figure = panels[0].figure
+        columns = 3 if figure.get_figwidth() > 8 else 2
+        # Too low a figure makes constrained layout cut the titles of panels with equal aspect.
+        figure.set_figheight(figure.get_figheight() + _ENTRY * -(-len(handles) // columns))
         panels[0].figure.legend(loc="outside lower center", ncols=min(columns, len(handles)), **look)
     else:
         panels[0].legend(loc="upper center", bbox_to_anchor=(0.5, -0.18), **look)

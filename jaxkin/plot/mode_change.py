@@ -1,5 +1,6 @@
 """A change of assembly mode without a singularity: mechanism, workspace, joint space and clearance side by side."""
 
+import textwrap
 from typing import TYPE_CHECKING
 
 import matplotlib.pyplot as plt
@@ -9,11 +10,11 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D
 
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.mapping._mode_change_records import ModeChange
 from jaxkin.plot import _mode_change_panels as parts
 from jaxkin.plot import _paths
 
 if TYPE_CHECKING:
-    from jaxkin.mapping._mode_change_records import ModeChange
     from jaxkin.mapping.cusp_curves import CuspCurves
     from jaxkin.mapping.records import Cusps, SingularCurves
 
@@ -24,7 +25,7 @@ _WIDTH, _HEIGHT, _MECHANISM = 3.7, 3.9, 2.5
 
 
 def mode_change(
-    result: "ModeChange",
+    result: ModeChange,
     robot: Mechanism | None = None,
     curves: "CuspCurves | SingularCurves | None" = None,
     cusps: "Cusps | None" = None,
@@ -33,7 +34,7 @@ def mode_change(
 
     Below the mechanisms are the path in the workspace, its loop in the joint space (it ends where it starts), and the
     clearance along it, which is nowhere zero. Numbers 1 to 5 are the places shown above. In three dimensions the
-    shadow of a path is on the floor.
+    shadow of a path is on the floor. Where no path was found, the two poses are drawn, with the reason.
 
     Args:
         result: What ``jk.mode_change`` returned.
@@ -46,8 +47,10 @@ def mode_change(
         The Axes: one for each mechanism, then workspace, joint space and clearance.
 
     Raises:
-        InputError: There is no path, or curves or cusps are of another section.
+        InputError: There is neither a path nor a mechanism to draw, or curves or cusps are of another section.
     """
+    if isinstance(result, ModeChange) and not result.found and _paths.drawable(robot):
+        return _apart(result, robot)
     parts.check(result)
     curves = parts.own_curves(result) if curves is None and cusps is None else curves
     shown = _paths.drawable(robot)
@@ -70,11 +73,24 @@ def mode_change(
     return panels
 
 
+def _apart(result: ModeChange, robot: Mechanism | None) -> np.ndarray:
+    """Draws start and goal of a change that was not found."""
+    poses, joints = np.stack([result.start, result.goal]), np.tile(result.request["joints"], (2, 1))
+    ends = _paths.window(robot, poses, joints)
+    kind = "3d" if _paths.in_space(robot) else "rectilinear"
+    figure, axes = plt.subplots(1, 2, figsize=(6.8, 4.0), layout="constrained", subplot_kw={"projection": kind})
+    for ax, pose, q, name in zip(axes, poses, joints, ("start", "goal"), strict=True):
+        _paths.draw_mechanism(robot, pose, q, ax, ends)
+        ax.set_title(name, fontsize="small")
+    figure.suptitle(textwrap.fill(f"No path: {result.reason}", 90), fontsize="small")
+    return axes
+
+
 def _frame_title(number: int, count: int) -> str:
     return {1: "1: start", count: f"{count}: goal"}.get(number, str(number))
 
 
-def _new_panels(result: "ModeChange", robot: Mechanism | None, curves: object) -> np.ndarray:
+def _new_panels(result: ModeChange, robot: Mechanism | None, curves: object) -> np.ndarray:
     """Returns new Axes: a row of mechanisms where there is one, and three panels below.
 
     Placed by hand: constrained layout does not see how far the labels of a 3D plot reach.

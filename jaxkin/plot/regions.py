@@ -1,6 +1,6 @@
 """Regions of a section of the joint space: where the number of assembly modes is constant."""
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, overload
 
 import matplotlib.patheffects as effects
 import matplotlib.pyplot as plt
@@ -13,6 +13,7 @@ from matplotlib.path import Path
 from scipy.spatial import KDTree
 
 from jaxkin.core.errors import InputError
+from jaxkin.mapping._region_cells import Cells
 from jaxkin.mapping._region_records import Regions
 from jaxkin.plot import loci, style
 
@@ -21,55 +22,97 @@ if TYPE_CHECKING:
 
 #: A region whose widest place is narrower than this share of the picture has its name beside it.
 _ROOM = 0.022
+#: A box is drawn in so many slices.
+_MOST_SLICES = 6
 #: Where a name beside its region may stand, in points from the region: directions are tried in turn.
 _BESIDE = 17.0
 _DIRECTIONS = 16
 _NODE = {"marker": "D", "markersize": 3.2, "markerfacecolor": "white", "markeredgecolor": "black"}
 
 
+@overload
 def regions(
-    result: Regions,
+    result: Regions, ax: Axes | None = None, cusps: "Cusps | None" = None, curves: "SingularCurves | None" = None
+) -> Axes: ...
+@overload
+def regions(result: Cells) -> np.ndarray: ...
+def regions(
+    result: Regions | Cells,
     ax: Axes | None = None,
     cusps: "Cusps | None" = None,
     curves: "SingularCurves | None" = None,
-) -> Axes:
+) -> Axes | np.ndarray:
     """Draws the regions of a section with their names, in the colours that maps give to numbers of solutions.
 
     Singular curves are drawn as in ``jk.plot.section``, with cusps as circles and the points where images of two
-    singular poses cross as small squares. A region too narrow for its name has it beside.
+    singular poses cross as small squares. A region too narrow for its name has it beside. Cells of a box are drawn in
+    six slices, with their names: equal names are one cell.
 
     Args:
-        result: What ``jk.regions`` returned, over two free axes.
-        ax: Where to draw; a new figure if not given.
+        result: What ``jk.regions`` returned, over two or three free axes.
+        ax: Where to draw a section; a new figure if not given.
         cusps: What ``jk.cusps`` returned for this section.
         curves: Singular curves of this section that are drawn in place of the record's own: closed forms have names.
 
     Returns:
-        The Axes, with a legend beside them.
+        The Axes, with a legend beside them; of a box an array of them, one a slice.
 
     Raises:
-        InputError: It is no such record, has no region, or cusps or curves are of another section.
+        InputError: It is no such record, has no region, or cusps or curves are of another section or given for a box.
     """
-    style.check_kind(result, Regions, "regions, from jk.regions")
+    style.check_kind(result, (Regions, Cells), "regions, from jk.regions")
     if not len(result):
         raise InputError("There is no region to draw: give what jk.regions returned, of a section with solutions.")
+    if isinstance(result, Cells):
+        if not ax is cusps is curves is None:
+            raise InputError("Axes, cusps and curves are for a section, and the regions are of a box: leave them out.")
+        return _slices(result)
     free, fixed = loci.section_of(result)
     for given in (record for record in (cusps, curves) if record is not None):
         loci.check(given, free, fixed)
     if ax is None:
         _, ax = plt.subplots(figsize=(6.8, 4.6), layout="constrained")
+    handles = _draw(ax, result, [region.name for region in result], curves, cusps)
+    _add_legends(ax, _count_handles(result), handles)
+    return ax
+
+
+def _draw(
+    ax: Axes, result: Regions, names: list[str], curves: "SingularCurves | None", cusps: "Cusps | None"
+) -> list[Line2D]:
+    """Draws a section; returns the legend's handles."""
+    free, fixed = loci.section_of(result)
     ends = [result.request["section"][name][:2] for name in free]
-    units = result.units
-    style.dress(ax, *((name, units[name]) for name in free))
+    style.dress(ax, *((name, result.units[name]) for name in free))
     ax.set(xlim=ends[0], ylim=ends[1])
     for region in result:
         _fill(ax, [loci.free_points(result, line) for line in region.outline], region.n_solutions)
     handles = loci.draw(ax, result.curves if curves is None else curves, cusps)
     handles += _nodes(ax, loci.free_points(result, result.nodes.joints))
-    _names(ax, result)
+    _names(ax, result, names)
     ax.set_title(", ".join(style.value(name, value) for name, value in fixed.items()), fontsize="medium")
-    add_legends(ax, count_handles(result), handles)
-    return ax
+    return handles
+
+
+def _slices(result: Cells) -> np.ndarray:
+    """Draws some of the slices of a box, spread evenly over them."""
+    chosen = np.unique(np.linspace(0, len(result.slices) - 1, _MOST_SLICES + 2).round().astype(int)[1:-1])
+    names = [[region.name for region in section] for section in result.slices]
+    for cell in result:
+        for section, region in cell.slices:
+            names[section][region] = cell.name
+    columns = min(3, len(chosen))
+    rows = -(-len(chosen) // columns)
+    size = (3.3 * columns, 3.5 * rows + 0.6)
+    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained", squeeze=False)
+    for ax in axes.flat[len(chosen) :]:
+        ax.set_axis_off()
+    for ax, number in zip(axes.flat, chosen, strict=False):
+        _draw(ax, result.slices[number], names[number], None, None)
+        ax.label_outer()
+    handles = _count_handles(result, "cell")
+    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False, fontsize="small")
+    return axes.ravel()[: len(chosen)]
 
 
 def _fill(ax: Axes, outline: list[np.ndarray], count: int) -> None:
@@ -81,7 +124,7 @@ def _fill(ax: Axes, outline: list[np.ndarray], count: int) -> None:
     ax.add_patch(PathPatch(Path(vertices, codes), facecolor=colour, edgecolor=colour, linewidth=0.3, zorder=1))
 
 
-def count_handles(result: Any) -> list[Artist]:
+def _count_handles(result: Any, what: str = "region") -> list[Artist]:
     """Returns the legend's entries for numbers of solutions, with how many regions have them."""
     counts = np.array([region.n_solutions for region in result])
     return [
@@ -89,13 +132,13 @@ def count_handles(result: Any) -> list[Artist]:
             facecolor=style.count_colour(int(n)),
             edgecolor="black",
             linewidth=0.6,
-            label=f"{n}  ({np.sum(counts == n)} region{'s' if np.sum(counts == n) > 1 else ''})",
+            label=f"{n}  ({np.sum(counts == n)} {what}{'s' if np.sum(counts == n) > 1 else ''})",
         )
         for n in np.unique(counts)
     ]
 
 
-def add_legends(ax: Axes, areas: list[Artist], lines: list[Any], title: str = "real solutions") -> None:
+def _add_legends(ax: Axes, areas: list[Artist], lines: list[Any], title: str = "real solutions") -> None:
     """Adds a legend of areas at the upper right, and one of lines below it, both beside the Axes."""
     look: dict[str, Any] = {"frameon": False, "fontsize": "small"}
     first = ax.legend(handles=areas, title=title, loc="upper left", bbox_to_anchor=(1.01, 1.0), **look)
@@ -114,26 +157,26 @@ def _nodes(ax: Axes, points: np.ndarray) -> list[Line2D]:
     return ax.plot(*points.T, linestyle="none", label=label, zorder=4, scalex=False, scaley=False, **_NODE)
 
 
-def _names(ax: Axes, result: Regions) -> None:
+def _names(ax: Axes, result: Regions, names: list[str]) -> None:
     """Writes the name of every region into it, or beside it where it is too narrow."""
     low, high = np.array([ax.get_xlim(), ax.get_ylim()]).T
     borders = [(loci.free_points(result, line) - low) / (high - low) for region in result for line in region.outline]
     tree = KDTree(np.concatenate([_dense(line) for line in borders]))
     halo: list[Any] = [effects.withStroke(linewidth=2, foreground="white", alpha=0.75)]
     taken: list[np.ndarray] = []
-    for region in result:
+    for region, name in zip(result, names, strict=True):
         place = loci.free_points(result, region.interior[None])[0]
         share = (place - low) / (high - low)
         look: dict[str, Any] = {"ha": "center", "va": "center", "fontsize": "small", "zorder": 6}
         if tree.query(share)[0] >= _ROOM:
-            ax.text(float(place[0]), float(place[1]), str(region.name), **look).set_path_effects(halo)
+            ax.text(float(place[0]), float(place[1]), name, **look).set_path_effects(halo)
             taken.append(share)
             continue
         beside = _beside(share, tree, taken)
         taken.append(share + 0.05 * beside)
         line = {"arrowstyle": "-", "linewidth": 0.6, "shrinkA": 0.0, "shrinkB": 0.0}
         look |= {"textcoords": "offset points", "xytext": _BESIDE * beside, "arrowprops": line}
-        ax.annotate(str(region.name), place, **look).set_path_effects(halo)
+        ax.annotate(name, place, **look).set_path_effects(halo)
 
 
 def _beside(share: np.ndarray, tree: KDTree, taken: list[np.ndarray]) -> np.ndarray:

@@ -12,6 +12,7 @@ from jaxkin.core.mechanism import Mechanism
 from jaxkin.kinematics.legs import LegKind, legs_of
 from jaxkin.kinematics.singularity import conditioning
 from jaxkin.kinematics.solve import forward
+from jaxkin.mapping._region_records import Regions
 from jaxkin.mapping.aspects import aspects
 from jaxkin.mapping.basic_regions import basic_regions
 from jaxkin.mapping.characteristic import characteristic_curves
@@ -119,6 +120,7 @@ def aspects_chapter(robot: Mechanism, places: Places) -> Chapter:
 def section_chapter(robot: Mechanism, places: Places) -> Chapter:
     """Returns singular curves, cusps and regions of the section."""
     found, tips = regions(robot, places.section), cusps(robot, places.section)
+    assert isinstance(found, Regions)  # A section, and no box.
     header = ("region", "solutions", "area", "error", *found.joint_names)
     rows: list[list[Cell]] = [
         [region.name, int(region.n_solutions), float(region.area), float(region.error), *map(float, region.interior)]
@@ -142,7 +144,7 @@ def basic_chapter(robot: Mechanism, places: Places) -> Chapter:
         "characteristic": Picture.of(draw_characteristic(curves), "Singular and characteristic curves."),
         "basic_regions": Picture.of(draw_basic_regions(found), "Basic regions and basic components."),
     }
-    text = (_lines(curves), _lines(found), "\n".join(f"- {domain}" for domain in domains))
+    text = (_lines(curves), _lines(found), _lines(domains))
     data = {"characteristic": curves.to_json(), "basic_regions": found.to_json()}
     return Chapter("Basic regions and uniqueness domains", text, pictures, data=data)
 
@@ -162,7 +164,9 @@ def cusp_chapter(robot: Mechanism, box: Grid) -> Chapter:
         ("fixed joint", "value", "error", "cusps below", "cusps above", "what happens"),
         rows,
     )
-    picture = Picture.of(draw_cusp_curves(found), "Cusp curves, and the number of cusps against a fixed joint.")
+    picture = Picture.of(
+        draw_cusp_curves(found, axis=found.free[0]), "Cusp curves, and the number of cusps against a fixed joint."
+    )
     return Chapter(
         "Cusp curves",
         (_lines(found),),
@@ -193,7 +197,7 @@ def changes_chapter(robot: Mechanism, places: Places) -> Chapter:
         rows.append([f"{first} to {second}", "yes" if found.found else "no", clearance, encircled, str(found.reason)])
         if found.found and not pictures:
             caption = f"From mode {first} to mode {second} without meeting a singularity."
-            pictures["mode_change"] = Picture.of(draw_mode_change(found), caption)
+            pictures["mode_change"] = Picture.of(draw_mode_change(found, robot), caption)
             data["mode_change"] = found.to_json()
     header = ("modes", "path", "clearance", "encircled cusp curves", "remark")
     table = Table("Pairs of modes with the same sign of det dF/dpose", header, rows)

@@ -12,6 +12,11 @@ from jaxkin.mapping.aspects import aspects
 from jaxkin.mechanisms import five_bar, rpr3
 
 
+def _labelled(mask: np.ndarray) -> tuple[np.ndarray, int]:
+    labels, count = ndimage.label(mask)  # type: ignore[misc]
+    return labels, count
+
+
 def scanned(base, proximal, distal, mode, n):
     """Returns the areas of the pieces of a five-bar's sheet, ascending, by labels of a dense array (four-neighbours).
 
@@ -28,7 +33,7 @@ def scanned(base, proximal, distal, mode, n):
     cross = rods[0][0] * rods[1][1] - rods[0][1] * rods[1][0]
     cell, areas = 21 * 27 / (n - 1) ** 2, []
     for sign in (1, -1):
-        labels, count = ndimage.label(inside & (sign * cross > 0))
+        labels, count = _labelled(inside & (sign * cross > 0))
         areas += (ndimage.sum_labels(np.ones(x.shape), labels, np.arange(1, count + 1)) * cell).tolist()
     return np.sort(areas)
 

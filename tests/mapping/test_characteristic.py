@@ -101,9 +101,11 @@ def test_every_point_shares_its_joints_with_a_zero_of_the_sources_factor(robot, 
     number = np.array([{"f1": 0, "f2": 1}[found.singular[curve.source].label] for curve in found])[owner]
     factors = jax.vmap(lambda x: jnp.stack(list(robot.factors(x).values())))
     values = np.asarray(jax.vmap(factors)(over(robot, joints)[0]))[np.arange(len(joints)), :, number]
-    # A double root is fixed to the square root of rounding.
-    assert np.max(np.nanmin(np.abs(values), axis=1)) < 2e-7
-    assert np.min(np.abs(factors(poses))) > 5e-7
+    own = np.abs(np.asarray(factors(poses)))
+    # Rounding fixes a double root to its square root; next to a cusp, where it is nearly triple, to its cube root.
+    tolerance = np.where(np.min(own, axis=1) > 1e-2, 2e-7, 3e-5)
+    assert np.all(np.nanmin(np.abs(values), axis=1) < tolerance)
+    assert np.min(own) > 1e-7
 
 
 @EACH

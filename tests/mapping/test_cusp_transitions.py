@@ -67,7 +67,7 @@ def test_swallowtails_are_critical_for_every_joint(wide):
 
 
 def test_transitions_are_where_they_say(wide):
-    """At every transition det A, its rate along the kernel, and the condition of its kind vanish, from the constraints."""
+    """At every transition det A, its rate along the kernel, and the condition of its kind vanish."""
     length = float(REFERENCE.characteristic_length())
 
     def det(x):

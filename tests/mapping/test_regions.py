@@ -172,6 +172,15 @@ lengths = st.floats(0.3, 3.0)
 @given(c2=st.floats(0.4, 2.0), c3=st.floats(-2.0, 2.0), d3=st.floats(0.3, 2.0), axis=st.integers(0, 2), fixed=lengths,
        low=st.sampled_from([0.0, 0.4]), high=st.floats(2.5, 7.0))  # fmt: skip
 @example(c2=1.0, c3=0.0, d3=1.0, axis=0, fixed=1.2, low=0.0, high=4.0)
+@example(
+    c2=1.7588083192241233,
+    c3=1.9999999999999998,
+    d3=1.8700676571074528,
+    axis=0,
+    fixed=1.084966270206638,
+    low=0.0,
+    high=5.0,
+)
 def test_random_sections_of_analytic_robots(c2, c3, d3, axis, fixed, low, high):
     robot = rpr3.analytic(c2, c3, d3)
     grid = checks.section(axis, fixed, low=low, high=high)

@@ -50,11 +50,16 @@ def test_components_are_those_of_the_dense_array(shape, glued, levels, seed):
     assert both.shape[1] == len(np.unique(both[0])) == len(np.unique(both[1])) == components.count
 
 
+def _labelled(mask: np.ndarray) -> tuple[np.ndarray, int]:
+    labels, count = ndimage.label(mask)  # type: ignore[misc]
+    return labels, count
+
+
 def _glued_components(dense, glued):
     """Returns components of equal labels by scipy.ndimage, glued by hand."""
     numbers, total = np.full(dense.shape, -1), 0
     for label in np.unique(dense[dense >= 0]):
-        part, count = ndimage.label(dense == label)
+        part, count = _labelled(dense == label)
         numbers[part > 0] = part[part > 0] - 1 + total
         total += count
     parent = np.arange(total)

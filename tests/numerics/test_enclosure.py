@@ -40,6 +40,8 @@ def test_it_encloses(name, seed, size):
             jax.hessian(lambda x: function(parameter, x)),
         )
     )
+    assert jet.first is not None
+    assert jet.second is not None
     assert _inside(value.T, *jet.value)
     for k in range(2):
         assert _inside(first[:, :, k].T, jet.first[0][k], jet.first[1][k])

@@ -86,7 +86,8 @@ def test_the_legend_names_the_largest_aspects_with_sign_and_area(found):
 
 
 def test_curves_stand_in_the_panels_of_their_working_modes(found):
-    curves = jk.singular_curves(ROBOT, POSES, kind="both")
+    poses = jk.Grid(x=(-4.5, 13.5, 10), y=(-12.5, 12.5, 10))
+    curves = jk.singular_curves(ROBOT, poses, kind="both")
     panels = jk.plot.aspects(found, curves=curves)
     assert {"det A = 0", "det B = 0"} <= set(legend_texts(panels[0]))
     legs = legs_of(ROBOT)

@@ -32,8 +32,8 @@ def test_the_step_function_is_the_number_of_cusps_of_each_section(found):
     levels, edges, _ = steps.get_data()
     assert (edges[0], edges[-1]) == (0.2, 4.0)
     assert len(levels) > 1
-    for value in (0.7, 1.9, 2.6, 3.5, 3.9):
-        section = jk.Grid(rho1=(0.1, 4.0, 40), rho2=value, rho3=(0.1, 4.0, 40))
+    for value in (0.7, 2.6, 3.5):
+        section = jk.Grid(rho1=(0.1, 4.0, 12), rho2=value, rho3=(0.1, 4.0, 12))
         assert levels[np.searchsorted(edges, value) - 1] == len(jk.cusps(ROBOT, section))
 
 

@@ -66,26 +66,43 @@ def test_a_loop_has_one_mark_where_it_starts_and_ends(found):
     assert "1, 5" in [text.get_text() for text in panels[1].texts]
 
 
-def test_cusp_curves_are_behind_the_loop(found):
-    box = jk.Grid(rho1=(4.0, 20.0, 5), rho2=(1.0, 20.0, 5), rho3=(4.0, 20.0, 5))
-    curves = jk.cusp_curves(ROBOT, box)
-    panels = jk.plot.mode_change(found, curves=curves)
+def cusp_curves(found) -> jk.CuspCurves:
+    """Returns two cusp curves of no robot, the first one closed."""
+    turn = np.linspace(0.0, 2 * np.pi, 40, endpoint=False)
+    ring = np.stack([10 + 3 * np.cos(turn), 9 + 3 * np.sin(turn), 10 + 0 * turn], axis=1)
+    line = np.stack([0 * turn + 12, turn + 5, 30 - turn], axis=1)
+    parts = tuple(
+        jk.CuspCurve(
+            name=f"cusp curve {k + 1}",
+            joints=joints,
+            poses=np.zeros((40, 3)),
+            closed=k == 0,
+            residual=0.0,
+            ends=("", ""),
+            label="",
+            critical=np.zeros(0, int),
+        )
+        for k, joints in enumerate((ring, line))
+    )
+    return jk.CuspCurves(parts, {"section": {}}, found.pose_names, found.joint_names, found.units)
+
+
+def test_cusp_curves_are_behind_the_loop_and_in_the_picture(found):
+    curves = cusp_curves(found)
+    panels = jk.plot.mode_change(replace(found, encircled=("cusp curve 1",)), curves=curves)
     shown = [np.array(line.get_data_3d()).T for line in panels[1].lines]
     assert all(any(np.array_equal(c.joints, line[: len(c.joints)]) for line in shown) for c in curves)
-    texts = [text.get_text() for text in panels[1].get_legend().get_texts()]
     # Names are those of another box than the one in which the record looked: none is called encircled.
-    assert texts == ["cusp curves"]
-    low, high = panels[1].get_xlim()
-    assert low <= found.joints[:, 0].min() < found.joints[:, 0].max() <= high
+    assert [text.get_text() for text in panels[1].get_legend().get_texts()] == ["cusp curves"]
+    low, high = panels[1].get_zlim()
+    assert low <= found.joints[:, 2].min()
+    assert high >= 30.0
 
 
 def test_a_section_that_the_loop_leaves_is_refused(found):
-    section = jk.Grid(rho1=14.98, rho2=(5.0, 30.0, 6), rho3=(5.0, 30.0, 6))
-    curves = jk.SingularCurves(
-        (), jk.Crossings(*np.zeros((3, 0, 3))), {"section": {"rho1": 14.98, "rho2": [5.0, 30.0, 6], "rho3": [5.0, 30.0, 6]}},
-        found.pose_names, found.joint_names, found.units,
-    )  # fmt: skip
-    assert section.free == ("rho2", "rho3")
+    section = {"rho1": 14.98, "rho2": [5.0, 30.0, 6], "rho3": [5.0, 30.0, 6]}
+    names = (found.pose_names, found.joint_names, found.units)
+    curves = jk.SingularCurves((), jk.Crossings(*np.zeros((3, 0, 3))), {"section": section}, *names)
     with pytest.raises(jk.InputError, match="leaves the section rho1"):
         jk.plot.mode_change(found, curves=curves)
 
@@ -96,6 +113,20 @@ def test_what_was_not_found_is_refused_with_its_reason(found):
         jk.plot.mode_change(missing)
     with pytest.raises(jk.InputError, match="det B = 0 lies between"):
         jk.plot.animate_mode_change(missing, "never.gif")
+
+
+def test_two_poses_without_a_path_are_drawn_with_the_reason():
+    modes = jk.forward(ROBOT, JOINTS)
+    apart = jk.mode_change(ROBOT, JOINTS, modes.values[0], modes.values[1])
+    assert not apart.found
+    panels = jk.plot.mode_change(apart, ROBOT)
+    assert [ax.get_title() for ax in panels] == ["start", "goal"]
+    assert "not in the same aspect" in panels[0].figure.get_suptitle().replace("\n", " ")
+    for ax, pose in zip(panels, (modes.values[0], modes.values[1]), strict=True):
+        _, platform = ROBOT.outline(pose)
+        assert any(
+            np.allclose(line.get_xydata()[: len(platform)], platform) for line in ax.lines if len(line.get_xdata()) == 4
+        )
 
 
 def test_the_moving_picture_runs_from_start_to_goal(found, tmp_path):

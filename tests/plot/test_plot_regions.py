@@ -9,7 +9,6 @@ from matplotlib.legend import Legend
 from matplotlib.patches import PathPatch
 
 import jaxkin as jk
-from jaxkin.mechanisms import five_bar
 from jaxkin.plot import style
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
@@ -85,10 +84,39 @@ def test_other_sections_and_other_things_are_refused(found):
 
 
 def test_curves_of_glued_angles_do_not_run_across_the_picture():
-    robot = five_bar.create(9.0, (8.0, 8.0), (5.0, 5.0))
-    turn = (-np.pi, np.pi, 16)
-    ax = jk.plot.regions(jk.regions(robot, jk.Grid(theta1=turn, theta2=turn)))
+    angle = np.linspace(0.0, 4 * np.pi, 80)
+    joints = np.stack([(angle + np.pi) % (2 * np.pi) - np.pi, 0.2 * angle], axis=1)
+    curve = jk.Curve(joints, np.zeros((80, 2)), False, 0.0, "det")
+    crossings = jk.Crossings(*np.zeros((3, 0, 2)))
+    turn = [-np.pi, np.pi, 16]
+    request = {"section": {"theta1": turn, "theta2": turn}, "method": "trace"}
+    names = (("x", "y"), ("theta1", "theta2"), {"x": "length", "y": "length", "theta1": "rad", "theta2": "rad"})
+    ax = jk.plot.section(None, curves=jk.SingularCurves((curve,), crossings, request, *names))
+    assert len(ax.lines) >= 2
     for line in ax.lines:
         steps = np.abs(np.diff(line.get_xydata(), axis=0))
-        assert np.nanmax(steps, initial=0.0) < np.pi / 2
-    assert ax.get_xlim() == pytest.approx((-np.pi, np.pi))
+        assert np.nanmax(steps) < np.pi / 2
+        # Pieces reach the border on both sides.
+        assert np.nanmax(line.get_xdata()) > np.pi
+        assert np.nanmin(line.get_xdata()) < -np.pi
+
+
+def test_cells_of_a_box_are_drawn_in_slices_with_the_names_of_the_cells():
+    box = jk.Grid(rho1=(0.5, 2.0, 8), rho2=(0.8, 1.2, 3), rho3=(0.5, 2.0, 8))
+    found = jk.regions(ROBOT, box)
+    assert hasattr(found, "slices")
+    panels = jk.plot.regions(found)
+    assert 1 <= len(panels) <= 6
+    names = {cell.name for cell in found}
+    for ax in panels:
+        (value,) = (v for v in found.values if ax.get_title() == style.value(found.axis, v))
+        assert {text.get_text() for text in ax.texts} <= names
+        for cell in found:
+            for number, region in cell.slices:
+                if found.values[number] == value:
+                    assert cell.name in [text.get_text() for text in ax.texts]
+                    inner = found.slices[number][region].interior[[0, 2]]
+                    (inside,) = (p for p in patches(ax) if p.get_path().contains_point(inner))
+                    assert to_hex(inside.get_facecolor()).upper() == style.count_colour(cell.n_solutions).upper()
+    with pytest.raises(jk.InputError, match="are of a box"):
+        jk.plot.regions(found, ax=panels[0])  # type: ignore[call-overload]
