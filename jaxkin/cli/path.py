@@ -22,6 +22,8 @@ from jaxkin.cli.results import show, timed, write
 from jaxkin.core.errors import InputError
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from jaxkin.core.mechanism import Mechanism
     from jaxkin.mapping.mode_change import ModeChange
 
@@ -93,17 +95,19 @@ def path_command(
     show(robot, content, str(found), as_json)
 
 
-def _joints(robot: "Mechanism", values: tuple[str, ...]) -> list[float]:
+def _joints(robot: "Mechanism", values: tuple[str, ...]) -> "np.ndarray":
+    import numpy as np
+
     names = [axis.name for axis in robot.joint_axes]
     for value in values:
         if value.startswith("--"):
             raise InputError(f"There is no option {value!r}: see --help.")
     if len(values) != len(names):
         raise InputError(f"Got {len(values)} values ({' '.join(values)}): the joints are {' '.join(names)}.")
-    return [number(name, value) for name, value in zip(names, values, strict=True)]
+    return np.array([number(name, value) for name, value in zip(names, values, strict=True)])
 
 
-def _modes(robot: "Mechanism", joints: list[float], start: int, goal: int) -> tuple[Any, Any]:
+def _modes(robot: "Mechanism", joints: "np.ndarray", start: int, goal: int) -> tuple[Any, Any]:
     """Returns the poses of two assembly modes by their numbers."""
     import numpy as np
 
