@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
+from typing import Any
 
 import numpy as np
 
@@ -70,25 +72,32 @@ def owners_of(sheet: Sheet, start: int) -> Owners:
         sheet: The sheet.
         start: The first level that has undecided leaves; neighbours are known from there on.
     """
-    tree, cells, pairs = sheet.tree, [], []
+    tree = sheet.tree
+    status = np.concatenate([level.status for level in tree.levels[start:]])
+    offset = tree.levels[start].offset
+    leaves = np.flatnonzero(status == UNDECIDED) + offset
+    row_of = np.full(len(status), -1, np.int32)
+    row_of[leaves - offset] = np.arange(len(leaves), dtype=np.int32)
+    proved, beside = [], []
     for number in range(start, len(tree.levels)):
         level = tree.levels[number]
-        cells.append(np.flatnonzero(level.status == UNDECIDED) + level.offset)
         # Smaller proved cells know larger undecided ones, which do not know them.
-        seekers = np.flatnonzero((level.status == UNDECIDED) | (level.status >= 0) & (number > start))
-        pairs += [_behind(sheet, number, face, seekers) for face in range(2 * tree.dimension)]
-    leaves = np.concatenate(cells)
-    one, other, flip = (np.concatenate(part) for part in zip(*pairs, strict=True))
-    states = tree.gathered("status", one), tree.gathered("status", other)
-    proved = [
-        (a[use], b[use], flip[use], s[use])
-        for a, b, s, t in ((one, other, states[1], states[0]), (other, one, *states))
-        for use in [(t == UNDECIDED) & (s >= 0)]
-    ]
-    rows, beside, flips, codes = (np.concatenate(part) for part in zip(*proved, strict=True))
-    both = (states[0] == UNDECIDED) & (states[1] == UNDECIDED)
-    near = np.searchsorted(leaves, one[both]), np.searchsorted(leaves, other[both]), flip[both]
-    found = np.searchsorted(leaves, rows), beside, codes.astype(np.int64) ^ flips
+        seekers = [np.flatnonzero(level.status == UNDECIDED)]
+        seekers += [np.flatnonzero(level.status >= 0)] if number > start else []
+        for face, (undecided, places) in product(range(2 * tree.dimension), zip((True, False), seekers, strict=False)):
+            one, other, flip = _behind(sheet, number, face, places)
+            state = tree.gathered("status", other)
+            if not undecided:
+                use = state == UNDECIDED
+                code = tree.levels[number].status[one[use] - level.offset] ^ flip[use]
+                proved.append((row_of[other[use] - offset], one[use], code))
+                continue
+            use = state >= 0
+            proved.append((row_of[one[use] - offset], other[use], state[use] ^ flip[use]))
+            # A pair of equal cells is met from both sides, and is kept once.
+            use = (state == UNDECIDED) & ((face % 2 == 1) | (other < level.offset))
+            beside.append((row_of[one[use] - offset], row_of[other[use] - offset], flip[use]))
+    found, near = (tuple(np.concatenate(part) for part in zip(*pairs, strict=True)) for pairs in (proved, beside))
     return Owners(leaves, _reached(shares_of(sheet, leaves) > 0, found, near), found, near)
 
 
@@ -103,33 +112,51 @@ def shares_of(sheet: Sheet, cells: np.ndarray) -> np.ndarray:
 
 
 def _behind(sheet: Sheet, number: int, face: int, places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Returns cells, the cells behind one of their faces, and the bits by which codes differ over it."""
+    """Returns cells, the cells behind one of their faces, and the bits by which codes differ over it (int8)."""
     level = sheet.tree.levels[number]
-    behind = level.neighbours[face, places].astype(np.int64)
-    flip = np.where(sheet.tree.wraps(number, face, places), int(sheet.flips[face // 2]), 0)
+    behind = level.neighbours[face, places]
+    flip = np.zeros(len(places), np.int8)
+    if sheet.flips[face // 2]:
+        flip[sheet.tree.wraps(number, face, places)] = sheet.flips[face // 2]
     use = behind >= 0
-    return places[use] + level.offset, behind[use], flip[use]
+    return (places[use] + level.offset).astype(np.int32), behind[use], flip[use]
 
 
 def _reached(wanted: np.ndarray, proved: tuple[np.ndarray, ...], beside: tuple[np.ndarray, ...]) -> np.ndarray:
     """Returns a proved cell for each code of each row, led on from row to row where the code is met or nearly so."""
-    anchor = np.full(wanted.shape, -1, np.int64)
+    anchor = np.full(wanted.shape, -1, np.int32)
     anchor[proved[0], proved[2]] = proved[1]
-    one, other, flip = (np.concatenate(part) for part in zip(beside, (beside[1], beside[0], beside[2]), strict=True))
     if not np.any(wanted & (anchor < 0)):
         return anchor
+    one, other, flip = (np.concatenate(part) for part in zip(beside, (beside[1], beside[0], beside[2]), strict=True))
+    sides = [(None, 0)] if not flip.any() else [(flip == bits, bits) for bits in np.unique(flip).tolist()]
+    sides = [(one, other, bits) if use is None else (one[use], other[use], bits) for use, bits in sides]
     for _ in range(_NEAR):
         grown = wanted.copy()
-        for code in range(wanted.shape[1]):
-            grown[one[wanted[other, code ^ flip]], code] = True
+        for (a, b, bits), code in product(sides, range(wanted.shape[1])):
+            grown[a[wanted[:, code ^ bits][b]], code] = True
         wanted = grown
-    for code in range(wanted.shape[1]):
-        for _ in range(_RINGS):
-            use = np.flatnonzero(wanted[one, code] & (anchor[one, code] < 0) & (anchor[other, code ^ flip] >= 0))
-            if len(use) == 0:
-                break
-            anchor[one[use], code] = anchor[other[use], code ^ flip[use]]
+    # Only what lacks an owner is asked again, ring by ring.
+    lacking = wanted & (anchor < 0)
+    open_ = []
+    for (a, b, bits), code in product(sides, range(wanted.shape[1])):
+        use = lacking[:, code][a]
+        open_.append((a[use], b[use], code, code ^ bits))
+    for _ in range(_RINGS):
+        open_ = [part for part in (_still_open(anchor, *part) for part in open_) if len(part[0])]
+        steps = [(a, anchor[b, theirs], code) for a, b, code, theirs in open_]
+        reached = [(a[use], owner[use], code) for a, owner, code in steps for use in [owner >= 0]]
+        for a, owner, code in reached:
+            anchor[a, code] = owner
+        if not any(len(a) for a, _, _ in reached):
+            break
     return anchor
+
+
+def _still_open(anchor: np.ndarray, one: np.ndarray, other: np.ndarray, code: int, theirs: int) -> tuple[Any, ...]:
+    """Returns the pairs whose first row lacks an owner."""
+    use = anchor[one, code] < 0
+    return one[use], other[use], code, theirs
 
 
 def contacts_of(sheet: Sheet, owners: Owners) -> Contacts:
@@ -141,7 +168,7 @@ def contacts_of(sheet: Sheet, owners: Owners) -> Contacts:
     one, other, flip = owners.beside
     for number in range(owners.anchor.shape[1]):
         mine, theirs = component[one, number], component[other, number ^ flip]
-        use = (mine >= 0) & (theirs >= 0) & (mine != theirs)
+        use = np.flatnonzero((mine >= 0) & (theirs >= 0) & (mine != theirs))
         a, b = one[use], other[use]
         found.append((a, np.full(len(a), number), owners.anchor[a, number], owners.anchor[b, number ^ flip[use]]))
     rows, code, first, second = (np.concatenate(part) for part in zip(*found, strict=True))

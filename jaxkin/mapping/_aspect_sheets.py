@@ -24,7 +24,7 @@ from jaxkin.numerics.enclosure import Enclosure, UnsupportedOperation, enclosure
 #: Cells that one compiled call takes, and one enclosure.
 BLOCK, _BOXES = 8192, 4096
 #: So many cells get bounds of their own for the sake of all their descendants; more only where these would need them.
-_FEW = 16384
+_FEW = 65536
 #: What of a wall's magnitude over the box counts as rounding.
 _ROUNDING = 1e-13
 

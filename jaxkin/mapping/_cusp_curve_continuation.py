@@ -32,6 +32,20 @@ _ROUND = 48
 Function = Callable[[Any, Any, Array], Array]
 
 
+class Rules(NamedTuple):
+    """The functions of a trace, compiled for.
+
+    Attributes:
+        function: ``(chart, data, u) -> (m - 1,)`` equations of order one.
+        inside: ``(chart, data, u) -> (k,)`` all not negative inside the region.
+        most: ``(chart, data, u) -> ()`` the longest step that is safe at a point, or None.
+    """
+
+    function: Function
+    inside: Function
+    most: Function | None = None
+
+
 class Lanes(NamedTuple):
     """Tracers, one a lane.
 
@@ -68,25 +82,26 @@ class Piece(NamedTuple):
     points: np.ndarray
 
 
-def _advance(function: Function, inside: Function, chart: Any, shared: tuple[Any, ...], lane: Lanes):  # type: ignore[no-untyped-def]
+def _advance(rules: Rules, chart: Any, shared: tuple[Any, ...], lane: Lanes):  # type: ignore[no-untyped-def]
     """Moves one lane by one step, shortened so as to land on a seed ahead if there is one."""
     data, seeds, alive, period, longest, noise = shared
     t = lane.tangent
+    whole = lane.step if rules.most is None else jnp.minimum(lane.step, rules.most(chart, data, lane.u))
     ahead = short_way(seeds - lane.u, period, jnp)
     along = ahead @ t
     across = jnp.sqrt(jnp.maximum(jnp.sum(ahead * ahead, axis=1) - along * along, 0.0))
-    near = alive & (along > 1e-9) & (along <= lane.step) & (across <= 0.5 * along)
+    near = alive & (along > 1e-9) & (along <= whole) & (across <= 0.5 * along)
     reach = jnp.where(near, along, jnp.inf)
     nearest = jnp.argmin(reach)
     tries = jnp.any(near)
-    step = jnp.where(tries, reach[nearest], lane.step)
+    step = jnp.where(tries, reach[nearest], whole)
 
-    u, ratio, slope = _corrected(partial(function, chart, data), lane.u + step * t, t, noise)
+    u, ratio, slope = _corrected(partial(rules.function, chart, data), lane.u + step * t, t, noise)
     tangent = tangent_of(slope, t)
     angle = jnp.arccos(jnp.clip(jnp.sum(t * tangent), -1.0, 1.0))
     good = (ratio < 0.1) & (angle < _WIDEST) & (jnp.sum((u - lane.u) ** 2) < (1.3 * step) ** 2)
-    met = good & tries & (jnp.max(jnp.abs(short_way(u - seeds[nearest], period, jnp))) < _MEETS)
-    left = good & ~met & ~(jnp.min(inside(chart, data, u)) >= -1e-12)
+    met = good & tries & (jnp.max(jnp.abs(short_way(u - seeds[nearest], period, jnp))) < _MEETS + 100 * noise)
+    left = good & ~met & ~(jnp.min(rules.inside(chart, data, u)) >= -1e-12)
 
     grown = lane.step * jnp.clip(_AIM / (angle * lane.step / step + 1e-3), 0.5, 2.0)
     length = jnp.where(good, jnp.minimum(grown, longest * (1 + 0.3 * jnp.max(jnp.abs(u)))), 0.5 * step)
@@ -123,14 +138,14 @@ def _corrected(function: Callable[[Array], Array], guess: Array, t: Array, noise
     )
 
 
-@partial(jax.jit, static_argnames=("function", "inside", "chart"))
-def _round(function: Function, inside: Function, chart: Any, shared: tuple[Any, ...], lanes: Lanes):  # type: ignore[no-untyped-def]
+@partial(jax.jit, static_argnames=("rules", "chart"))
+def _round(rules: Rules, chart: Any, shared: tuple[Any, ...], lanes: Lanes):  # type: ignore[no-untyped-def]
     points = jnp.zeros((_ROUND, *lanes.u.shape))
     moves = jnp.zeros((_ROUND, lanes.u.shape[0]), bool)
 
     def body(carry):  # type: ignore[no-untyped-def]
         k, lanes, points, moves = carry
-        lanes, moved = jax.vmap(lambda lane: _advance(function, inside, chart, shared, lane))(lanes)
+        lanes, moved = jax.vmap(lambda lane: _advance(rules, chart, shared, lane))(lanes)
         return k + 1, lanes, points.at[k].set(lanes.u), moves.at[k].set(moved)
 
     def unfinished(carry):  # type: ignore[no-untyped-def]
@@ -156,8 +171,7 @@ def directions_at(function: Function, chart: Any, data: Any, u: np.ndarray) -> n
 
 
 def trace(
-    function: Function,
-    inside: Function,
+    rules: Rules,
     chart: Any,
     data: Any,
     seeds: np.ndarray,
@@ -170,10 +184,9 @@ def trace(
     """Traces the curve from both sides of every seed to the next seed or out of the region.
 
     Args:
-        function: ``(chart, data, u) -> (m - 1,)`` equations of order one.
-        inside: ``(chart, data, u) -> (k,)`` all not negative inside the region.
-        chart: What both get first; hashable, compiled for.
-        data: A pytree that both get.
+        rules: Equations, region and longest steps.
+        chart: What they get first; hashable, compiled for.
+        data: A pytree that they get.
         seeds: ``(n, m)`` points on the curve.
         period: ``(m,)`` periods of glued unknowns, inf elsewhere.
         longest: First and longest step near the origin; far away steps may grow with the distance.
@@ -188,7 +201,7 @@ def trace(
     room = max(64, 1 << (len(seeds) - 1).bit_length())
     padded = np.concatenate([seeds, np.repeat(seeds[-1:], room - len(seeds), axis=0)])
     alive = np.arange(room) < len(seeds)
-    directions = directions_at(function, chart, data, padded)
+    directions = directions_at(rules.function, chart, data, padded)
     lanes = Lanes(
         u=jnp.asarray(np.concatenate([padded, padded])),
         tangent=jnp.asarray(np.concatenate([directions, -directions])),
@@ -207,7 +220,7 @@ def trace(
     )
     tracks: dict[int, list[np.ndarray]] = {int(lane): [] for lane in np.flatnonzero(np.tile(alive, 2))}
     for _ in range(-(-most_steps // _ROUND)):
-        lanes, points, moves = _round(function, inside, chart, shared, lanes)
+        lanes, points, moves = _round(rules, chart, shared, lanes)
         points, moves = np.asarray(points), np.asarray(moves)
         for lane, track in tracks.items():
             track.extend(points[moves[:, lane], lane])

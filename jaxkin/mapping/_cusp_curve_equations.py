@@ -298,7 +298,7 @@ def measure(chart: Chart, data: SheetData, u: Array, t: Array, axis: Array) -> t
 
 
 def gradient_share(chart: Chart, data: SheetData, u: Array) -> Array:
-    """Returns the slope of det A on the box over the determinant's size: small where the singular set crosses itself."""
+    """Returns the slope of det A on the box over its size: small where the singular set crosses itself."""
     slope = jax.jacfwd(partial(chart.determinant, data.section))(u)
     if chart.n_rows:
         rows = jax.jacfwd(partial(chart.section, data.section))(u)

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
+from jaxkin.mapping._cusp_curve_continuation import Rules
 from jaxkin.mapping._cusp_curve_equations import SheetData, frozen_slope, joint_values
 from jaxkin.mapping.chart import UNKNOWN, Chart
 from jaxkin.numerics.gluing import short_way
@@ -129,3 +130,11 @@ def swapped(w: np.ndarray) -> np.ndarray:
     """Returns pairs in the other order, ``(..., 2 m)``."""
     m = w.shape[-1] // 2
     return np.concatenate([w[..., m:], w[..., :m]], axis=-1)
+
+
+def safe_step(chart: Chart, data: PairData, w: Array) -> Array:
+    """Returns a share of the distance of the poses: a longer step might exchange them at a swallowtail."""
+    return 0.3 * apart(chart, data, w)
+
+
+RULES = Rules(node, inside, safe_step)

@@ -10,11 +10,13 @@ import numpy as np
 
 from jaxkin.mapping import _cusp_curve_equations as equations
 from jaxkin.mapping import search
-from jaxkin.mapping._cusp_curve_continuation import Chain, chains_of, directions_at, trace
+from jaxkin.mapping._cusp_curve_continuation import Chain, Rules, chains_of, directions_at, trace
 from jaxkin.mapping._cusp_curve_equations import Sheet
 from jaxkin.mapping.assembly import CLOSED, Arc, End, distance_to_arcs
 from jaxkin.mapping.batch import over_points
 from jaxkin.numerics.newton import lattice
+
+RULES = Rules(equations.cusp, equations.margins)
 
 #: Residual at which a point counts as found; it is polished further.
 FOUND = 1e-10
@@ -61,9 +63,7 @@ def trace_sheet(sheet: Sheet, longest: float) -> Traced:
     chains: list[Chain] = []
     missed, contradictions = everything, 0
     for _ in range(6):
-        pieces = trace(
-            equations.cusp, equations.margins, sheet.chart, sheet.data, seeds, section.period, longest=longest
-        )
+        pieces = trace(RULES, sheet.chart, sheet.data, seeds, section.period, longest=longest)
         chains, contradictions = chains_of(pieces, section.period)
         missed = _uncovered(sheet, chains, everything)
         if contradictions:

@@ -1,10 +1,12 @@
 """Which cusp curves a loop of joints encircles."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.mapping.cusp_curves import CuspCurve, cusp_curves
+from jaxkin.mapping.cusp_curves import CuspCurve, CuspCurves, cusp_curves
 from jaxkin.mapping.cusps import cusps
 from jaxkin.numerics.gluing import short_way
 from jaxkin.numerics.linking import (
@@ -26,8 +28,20 @@ class Undecided(Exception):
     """Why a loop encircles nothing that could be counted."""
 
 
-def encircled(robot: Mechanism, loop: np.ndarray) -> dict[str, int | None]:
-    """Returns the linking number of a closed loop of joints with every cusp curve of a box around it, by name.
+class Encircled(NamedTuple):
+    """What lies around a loop of joints.
+
+    Attributes:
+        linking: Linking number with every cusp curve, or cusp of two joints, by name; None where it is not decided.
+        curves: The cusp curves; None for two joints.
+    """
+
+    linking: dict[str, int | None]
+    curves: CuspCurves | None
+
+
+def encircled(robot: Mechanism, loop: np.ndarray) -> Encircled:
+    """Returns the linking number of a closed loop of joints with every cusp curve of a box around it.
 
     With three joints the cusps form curves in the joint space. With a closed one the loop has a linking number; with
     one that runs from border to border of the box its number is that of the curve closed outside the box, which does
@@ -53,9 +67,8 @@ def encircled(robot: Mechanism, loop: np.ndarray) -> dict[str, int | None]:
     try:
         if n == 2:
             found = cusps(robot, box)
-            return {
-                f"cusp {k + 1}": winding_number(loop[:-1], point) for k, point in enumerate(np.asarray(found.joints))
-            }
+            points = enumerate(np.asarray(found.joints), 1)
+            return Encircled({f"cusp {k}": winding_number(loop[:-1], point) for k, point in points}, None)
         curves = cusp_curves(robot, box)
     except InputError as problem:
         raise Undecided(str(problem)) from None
@@ -63,7 +76,7 @@ def encircled(robot: Mechanism, loop: np.ndarray) -> dict[str, int | None]:
     ends = np.array([axis.low for axis in robot.joint_axes]), np.array([axis.high for axis in robot.joint_axes])
     low = np.maximum(low, np.maximum(ends[0], np.asarray(limits.low)))
     high = np.minimum(high, np.minimum(ends[1], np.asarray(limits.high)))
-    return {curve.name: _number(loop, curve, low, high) for curve in curves}
+    return Encircled({curve.name: _number(loop, curve, low, high) for curve in curves}, curves)
 
 
 def _box(robot: Mechanism, loop: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxkin.mapping.cusp_curves import CuspCurves
 from jaxkin.mapping.records import coordinates
 
 
@@ -31,6 +32,7 @@ class ModeChange:
         encircled: Names of the cusp curves (or cusps, of two joints) that the loop is linked with; empty also where
             none was looked for: ``linking`` is None then.
         linking: Linking number with every cusp curve by name, None where it is not decided; None where not looked for.
+        cusp_curves: The cusp curves around the loop, for drawings (no part of the JSON); None where not looked for.
         searched: The box of poses that was searched and at what resolution, by axis.
         evidence: What speaks for the result, by name.
         request: What determines the numbers.
@@ -59,6 +61,7 @@ class ModeChange:
     pose_names: tuple[str, ...]
     joint_names: tuple[str, ...]
     units: dict[str, str] = field(default_factory=dict)
+    cusp_curves: CuspCurves | None = None
 
     def __str__(self) -> str:
         """A summary of a few lines."""

@@ -16,10 +16,12 @@ from jaxkin.mapping._mode_change_terrain import Terrain, ground
 
 #: Poses of a path that are moved, both ends included, and gradient steps.
 CONTROLS, _STEPS = 65, 500
-#: Largest step of a coordinate, dimensionless.
-_RATE = 0.02
+#: Largest step of a coordinate, dimensionless, before momentum; the share of a step that stays.
+_LONGEST, _MOMENTUM = 0.02, 0.8
+#: Share of a step that is made, from the first to the last.
+_RATE = optax.cosine_decay_schedule(0.3, _STEPS, 0.02)
 #: Weight of bending against length, and of walls that are too near.
-_BEND, _WALL = 0.02, 30.0
+_BEND, _WALL = 0.2, 30.0
 
 
 class Smoothed(NamedTuple):
@@ -70,6 +72,13 @@ def _energy(
     return length + _BEND * bend + _WALL * low, (at.joints[: count + 1], holds)
 
 
+def _stiffness(count: int) -> np.ndarray:
+    """Returns the second derivative of length and bending alone in the inner poses, ``(count - 2, count - 2)``."""
+    first, second = np.diff(np.eye(count), axis=0), np.diff(np.eye(count), n=2, axis=0)
+    whole = 2 * (count - 1) * first.T @ first + 2 * _BEND * (count - 1) ** 3 * second.T @ second
+    return whole[1:-1, 1:-1]
+
+
 @partial(jax.jit, static_argnames="legs")
 def smoothed(terrain: Terrain, legs: Legs | None, care: Array, free: Array, x: Array, guess: Array) -> Smoothed:
     """Moves paths with fixed ends, ``(batch, CONTROLS, n)``, and returns the best of each that holds.
@@ -82,8 +91,12 @@ def smoothed(terrain: Terrain, legs: Legs | None, care: Array, free: Array, x: A
         x: The paths, dimensionless.
         guess: Joints near theirs.
     """
-    schedule = optax.cosine_decay_schedule(_RATE, _STEPS, 0.02)
-    optimiser = optax.adam(schedule)
+    # Plain gradients of length and bending differ by powers of the number of poses: divided by their second
+    # derivative, a step moves the path as a whole.
+    stiff = jnp.asarray(_stiffness(x.shape[1]))
+    optimiser = optax.chain(
+        optax.clip(_LONGEST), optax.trace(_MOMENTUM), optax.scale_by_schedule(_RATE), optax.scale(-1.0)
+    )
     inner = jnp.ones(x.shape[1]).at[jnp.array([0, -1])].set(0.0)[:, None] * free
 
     def one(care: Array, x: Array, guess: Array) -> Smoothed:
@@ -97,6 +110,7 @@ def smoothed(terrain: Terrain, legs: Legs | None, care: Array, free: Array, x: A
             best = jax.tree.map(lambda new, old: jnp.where(better, new, old), now, best)
             # A pose beyond a wall may have no gradient.
             gradient = jnp.where(jnp.isfinite(gradient), gradient, 0.0) * inner
+            gradient = gradient.at[1:-1].set(jnp.linalg.solve(stiff, gradient[1:-1]))
             change, state = optimiser.update(gradient, state)
             return x + change * inner, joints, state, best  # type: ignore[operator]
 

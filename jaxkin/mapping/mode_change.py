@@ -43,7 +43,7 @@ def mode_change(
     goal: ArrayLike,
     grid: Grid | None = None,
     *,
-    encircle: bool = False,
+    encircle: bool = True,
 ) -> ModeChange:
     """Finds a path from one assembly mode to another over the same joints that meets no singularity.
 
@@ -60,7 +60,7 @@ def mode_change(
         goal: ``(n_pose,)`` another one.
         grid: Where to search, a grid over the pose axes with start and goal inside; a number holds an axis. None takes
             boxes around all assembly modes of ``joints``, wider and finer where nothing is found.
-        encircle: True to look for the cusp curves in a box around the loop, and which of them it is linked with. That
+        encircle: Whether to look for the cusp curves in a box around the loop, and which of them it is linked with. That
             takes seconds, and the first time about a minute.
 
     Returns:
@@ -265,10 +265,10 @@ def _trivial(case: _Case) -> ModeChange:
 
 
 def _found(case: _Case, path: Path, tried: dict[str, Any], evidence: dict[str, Any], encircle: bool) -> ModeChange:
-    linking, note = None, dict[str, Any]()
+    linking, curves, note = None, None, dict[str, Any]()
     if encircle:
         try:
-            linking = encircled(case.robot, closed(case.robot, path.joints))
+            linking, curves = encircled(case.robot, closed(case.robot, path.joints))
         except Undecided as why:
             note = {"what the loop encircles is not decided": str(why)}
     return _record(
@@ -283,6 +283,7 @@ def _found(case: _Case, path: Path, tried: dict[str, Any], evidence: dict[str, A
         verified=True,
         encircled=tuple(name for name, number in (linking or {}).items() if number),
         linking=linking,
+        cusp_curves=curves,
         searched=tried,
         evidence={**evidence, **path.evidence, **note},
     )

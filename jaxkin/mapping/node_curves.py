@@ -13,7 +13,7 @@ from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping import _cusp_curve_equations as equations
 from jaxkin.mapping import _cusp_curve_nodes as nodes
 from jaxkin.mapping import search
-from jaxkin.mapping._cusp_curve_continuation import LEFT, Chain, chains_of, directions_at, trace
+from jaxkin.mapping._cusp_curve_continuation import LEFT, STUCK, Chain, chains_of, directions_at, trace
 from jaxkin.mapping._cusp_curve_cuts import cuts_of
 from jaxkin.mapping._cusp_curve_equations import Sheet, sheets_of
 from jaxkin.mapping._cusp_curve_nodes import PairData
@@ -36,7 +36,7 @@ _STARTS, _SEEDS, _APART = 1024, 64, 0.3
 #: Smallest singular value, of the largest, below which the equations are dependent: nodes fill more than curves there.
 _DEPENDENT = 1e-8
 #: How far rounding may move a pair near a swallowtail, where the equations are nearly dependent.
-_NOISE = 1e-9
+_NOISE = 1e-8
 _COVERED = 1e-3
 _SWALLOWTAIL = "swallowtail"
 
@@ -302,20 +302,21 @@ class _Pair:
         """Traces from some seeds, and from what lies on no curve, until nothing is left."""
         if len(found) == 0:
             return [], 0, 0
-        seeds = found[self._distinct(found, _APART)][:_SEEDS]
+        clear = over_points(nodes.apart, self.chart, self.data, found) > 1.3 * _LEAST
+        seeds = found[clear][self._distinct(found[clear], _APART)][:_SEEDS]
         chains: list[Chain] = []
         contradictions, missed = 0, found
-        for _ in range(6):
-            pieces = trace(
-                nodes.node, nodes.inside, self.chart, self.data, seeds, self.period, longest=longest, noise=_NOISE
-            )
+        for attempt in range(6):
+            pieces = trace(nodes.RULES, self.chart, self.data, seeds, self.period, longest=longest, noise=_NOISE)
             chains, contradictions = chains_of(pieces, self.period)
             covered = self._covered(found, chains)
             if self.same:
                 covered |= self._covered(self._glued(nodes.swapped(found)), chains)
             missed = found[~covered]
-            if contradictions:
+            if contradictions and attempt < 2:
                 longest = 0.4 * longest
+                stuck = [seed for (seed, _), piece in pieces.items() if piece.state == STUCK and len(piece.points) == 1]
+                seeds = np.delete(seeds, stuck, axis=0)  # The tracer cannot leave them: too near a swallowtail.
             elif len(missed) == 0:
                 break
             seeds = np.concatenate([missed[self._distinct(missed, 1e-3)][: _SEEDS // 2], seeds])

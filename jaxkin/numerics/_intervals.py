@@ -44,7 +44,11 @@ def mul(a: Interval, b: Interval) -> Interval:
         return square(a)
     p, q, r, s = a[0] * b[0], a[0] * b[1], a[1] * b[0], a[1] * b[1]
     # fmin and fmax leave NaN = 0 * inf out, which stands for a zero that another product has as well.
-    return np.fmin(np.fmin(p, q), np.fmin(r, s)), np.fmax(np.fmax(p, q), np.fmax(r, s))
+    low, high = np.fmin(p, q), np.fmax(p, q, out=p)
+    for other in (r, s):
+        np.fmin(low, other, out=low)
+        np.fmax(high, other, out=high)
+    return low, high
 
 
 def _ordered(p: np.ndarray, q: np.ndarray) -> Interval:

@@ -81,9 +81,11 @@ class CellTree:
         """Returns an attribute (``status``, ``child`` or ``index``) of cells given by number."""
         cells = np.asarray(cells)
         first = getattr(self.levels[0], name)
+        if first.ndim == 1 and 8 * cells.size > self.size:
+            return np.concatenate([getattr(level, name) for level in self.levels])[cells]
         result = np.empty((*cells.shape, *first.shape[1:]), first.dtype)
         of = self.level_of(cells)
-        for number in np.unique(of):
+        for number in np.flatnonzero(np.bincount(of.ravel())):
             level, here = self.levels[number], of == number
             result[here] = getattr(level, name)[cells[here] - level.offset]
         return result
@@ -211,19 +213,29 @@ class Components:
     def of(self, tree: CellTree, cells: np.ndarray) -> np.ndarray:
         """Returns the component of cells given by number; -1 for cells that are in none."""
         cells = np.asarray(cells)
+        if 8 * cells.size > tree.size:
+            # The last entry stands for -1.
+            known = [self.level(number) for number in range(sum(own is not None for own in self._of_level))]
+            return np.concatenate([*known, np.full(tree.size + 1 - sum(map(len, known)), -1, np.int32)])[cells]
         result = np.full(cells.shape, -1, np.int64)
-        of = tree.level_of(cells)
-        for number in np.unique(of[cells >= 0]):
-            here = (of == number) & (cells >= 0)
-            result[here] = self.level(number)[cells[here] - tree.levels[number].offset]
+        of = np.where(cells >= 0, tree.level_of(cells), -1)
+        later = self._later()
+        for number in range(len(tree.levels)):
+            here = of == number
+            if here.any():
+                place, own = self._place(number)
+                result[here] = np.append(later[place], -1)[own[cells[here] - tree.levels[number].offset]]
         return result
 
     def level(self, number: int) -> np.ndarray:
         """Returns the components of all cells of a level."""
-        place, own = [(k, own) for k, own in enumerate(self._of_level) if own is not None][number]
-        later = self._later()[place]
+        place, own = self._place(number)
         # The last entry stands for -1, a cell in no component.
-        return np.append(later, -1)[own]
+        return np.append(self._later()[place], -1).astype(np.int32)[own]
+
+    def _place(self, number: int) -> tuple[int, np.ndarray]:
+        """Returns the step that brought a level, and its labels of then."""
+        return [(k, own) for k, own in enumerate(self._of_level) if own is not None][number]
 
     def _later(self) -> list[np.ndarray]:
         """Returns for each step the map from its labels to those of today."""

@@ -34,7 +34,7 @@ def check(result: Any) -> None:
 
 def own_curves(result: ModeChange) -> "CuspCurves | None":
     """Returns the cusp curves around the loop, where they were looked for."""
-    found = getattr(result, "cusp_curves", None)
+    found = result.cusp_curves
     return found if found is not None and len(found) else None
 
 

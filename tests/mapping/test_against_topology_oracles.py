@@ -191,7 +191,7 @@ def test_mode_changes_hold_on_the_dense_path(name, joints, pairs):
     modes = np.asarray(branches.values)[np.asarray(branches.valid)]
     length = float(robot.characteristic_length())
     for i, j in pairs:
-        change = mode_change(robot, joints, modes[i], modes[j])
+        change = mode_change(robot, joints, modes[i], modes[j], encircle=False)
         assert change.found
         assert change.verified
         report = check_path(own, change.poses, length, 40)
@@ -222,5 +222,5 @@ def test_no_mode_change_between_signs():
     signs = [np.sign(aspects_scan.REFERENCE.determinant(*pose)) for pose in modes]
     assert sorted(signs) == [-1, -1, -1, 1, 1, 1]
     other = signs.index(-signs[0])
-    change = mode_change(robot, (14.98, 15.38, 12.0), modes[0], modes[other])
+    change = mode_change(robot, (14.98, 15.38, 12.0), modes[0], modes[other], encircle=False)
     assert not change.found

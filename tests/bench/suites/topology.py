@@ -56,11 +56,11 @@ def measure() -> list[Metric]:
         {
             "regions": lambda: jk.regions(robot, section),
             "cusp curves": lambda: jk.cusp_curves(robot, box),
-            "mode change": lambda: jk.mode_change(robot, joints, modes[5], modes[1]),
+            "mode change": lambda: jk.mode_change(robot, joints, modes[5], modes[1], encircle=False),
         },
         rounds=3,
     )
-    change = jk.mode_change(robot, joints, modes[5], modes[1])
+    change = jk.mode_change(robot, joints, modes[5], modes[1], encircle=False)
     wrong += not (change.found and change.verified)
     metrics += [
         duration("topology: regions and curves of a section", times.median("regions"), 1.0),
