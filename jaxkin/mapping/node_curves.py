@@ -30,7 +30,7 @@ from jaxkin.numerics.newton import lattice
 from jaxkin.sweep.grid import Grid
 
 #: Poses closer than this (dimensionless) are not told from one; pairs are set off from swallowtails at these distances.
-_LEAST, _OFF = 0.02, (0.03, 0.06)
+_LEAST, _OFF = 0.02, (0.08, 0.04)
 #: Starts of a search, seeds of a round, and how far the first seeds are apart.
 _STARTS, _SEEDS, _APART = 1024, 64, 0.3
 #: Smallest singular value, of the largest, below which the equations are dependent: nodes fill more than curves there.
