@@ -278,7 +278,10 @@ def _fold(robot: Mechanism, course: Course, walker: Walker, end: float) -> tuple
         return None
     # Next to its fold a mode runs like the root of the rest of the way: so far it has 2 |dx/dt| times that rest to go.
     apart = float(np.linalg.norm(x - np.asarray(walker.pose)))
-    near = apart <= 1e-6 or (far <= 1e3 * float(walker.floor) and 1.5 * rate * far <= apart <= 2.5 * rate * far)
+    # Where a leg is short, safe steps are less than a thousandth of that rest: very near the fold the bound is wider.
+    floor = float(walker.floor)
+    room = max(1e3 * floor, min(1e5 * floor, 1e-6))
+    near = apart <= 1e-6 or (far <= room and 1.5 * rate * far <= apart <= 2.5 * rate * far)
     return (min(float(t), corner), x) if near else None
 
 

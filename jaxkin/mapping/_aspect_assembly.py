@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -13,8 +14,9 @@ from jaxkin.mapping._aspect_sheets import Sheet
 from jaxkin.mapping._aspect_walls import OUTSIDE, UNDECIDED, measured_points
 from jaxkin.mapping.batch import BLOCK, in_blocks
 
-#: Cells of an aspect among which its deepest pose is sought, and steps of the search from there.
-_CANDIDATES, _STEPS = 256, 40
+#: Cells of an aspect among which its deepest pose is sought, how many of them are searched around, in how many steps,
+#: and how fine at last, in cells of the coarsest level.
+_CANDIDATES, _STARTS, _STEPS, _FINEST = 512, 8, 60, 1e-7
 #: Error of a cell's shares by sub-points, at least, of what is shared.
 _COARSE = 5e-3
 
@@ -166,7 +168,7 @@ def pieces(
     found = []
     for component in range(sheet.components.count):
         point = _deepest(sheet, owners, component)
-        pose, joints, clearance, determinant = (part[0] for part in _measured(sheet, point[None]))
+        pose, joints, clearance, determinant, _ = (part[0] for part in _measured(sheet, point[None]))
         found.append(
             Piece(
                 sheet=number,
@@ -200,7 +202,7 @@ def _measured(sheet: Sheet, points: np.ndarray) -> tuple[np.ndarray, ...]:
 
 
 def _deepest(sheet: Sheet, owners: Owners, component: int) -> np.ndarray:
-    """Returns the point of a component with the largest clearance: the best of many cells, then a local search."""
+    """Returns the point of a component with the largest depth: the best of many cells, then searches from there."""
     chosen: list[np.ndarray] = []
     for level, cells in enumerate(sheet.tree.levels):
         places = np.flatnonzero((sheet.components.level(level) == component) & (cells.status >= 0))
@@ -211,18 +213,37 @@ def _deepest(sheet: Sheet, owners: Owners, component: int) -> np.ndarray:
         chosen.append(some + cells.offset)
     candidates = np.concatenate(chosen)
     points = sheet.centres(candidates)
-    clearance = np.nan_to_num(_measured(sheet, points)[2], nan=-1.0, posinf=-1.0)
-    best = int(np.argmax(clearance))
-    point, value = points[best], clearance[best]
-    step = sheet.box.width(int(sheet.tree.level_of(candidates[best : best + 1])[0]))
-    directions = np.concatenate([np.eye(len(step)), -np.eye(len(step))])
+    value = _depth(sheet, points)
+    starts = _apart(points / sheet.box.width(0), value)
+    points, value = points[starts], value[starts]
+    step = sheet.widths(candidates[starts])
+    directions = np.array([move for move in product((-1.0, 0.0, 1.0), repeat=points.shape[1]) if any(move)])
+    rows = np.arange(len(points))
     for _ in range(_STEPS):
-        around = point + directions * step
-        inside = sheet.components.of(sheet.tree, anchors(sheet, owners, around)) == component
-        found = np.where(inside, np.nan_to_num(_measured(sheet, around)[2], nan=-1.0, posinf=-1.0), -1.0)
-        best = int(np.argmax(found))
-        if found[best] > value:
-            point, value = around[best], found[best]
-        else:
-            step = 0.5 * step
-    return point
+        around = points[:, None] + directions * step[:, None]
+        flat = around.reshape(-1, points.shape[1])
+        inside = sheet.components.of(sheet.tree, anchors(sheet, owners, flat)) == component
+        found = np.where(inside, _depth(sheet, flat), -1.0).reshape(len(points), -1)
+        best = np.argmax(found, axis=1)
+        better = found[rows, best] > value
+        points = np.where(better[:, None], around[rows, best], points)
+        value = np.where(better, found[rows, best], value)
+        step = np.where(better[:, None], step, 0.5 * step)
+        if np.all(step < _FINEST * sheet.box.width(0)):
+            break
+    return points[int(np.argmax(value))]
+
+
+def _depth(sheet: Sheet, points: np.ndarray) -> np.ndarray:
+    return np.nan_to_num(_measured(sheet, points)[4], nan=-1.0, posinf=-1.0)
+
+
+def _apart(points: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Returns the points of largest values that are half a cell of the coarsest level apart, given in such cells."""
+    found: list[int] = []
+    for k in np.argsort(-value, kind="stable"):
+        if len(found) == _STARTS:
+            break
+        if not found or np.min(np.max(np.abs(points[found] - points[k]), axis=1)) > 0.5:
+            found.append(int(k))
+    return np.array(found)

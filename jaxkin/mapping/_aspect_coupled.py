@@ -172,7 +172,9 @@ class CoupledAspects(Aspects):
             return given, -1 if own is None else chart.anchor(given, own)
         own = problem.wrapped(np.asarray(checked_vector("Aspects", "the joints", joints, problem.robot.joint_axes)))
         scale = np.asarray(problem.robot.constraint_scales(jnp.asarray(given), jnp.asarray(own)))
-        residual = float(np.max(np.abs(np.asarray(problem.robot.constraints(given, own)) / scale)))
+        residual = float(
+            np.max(np.abs(np.asarray(problem.robot.constraints(jnp.asarray(given), jnp.asarray(own))) / scale))
+        )
         if residual > 1e-6:
             raise InputError(
                 f"Aspects: the joints do not belong to the pose, the constraints miss by {residual:.2g} of their "
@@ -242,9 +244,9 @@ def _lattice(robot: Mechanism, grid: Grid | None) -> tuple[Lattice, np.ndarray, 
         open_axes = [axis.name for axis in axes if not (math.isfinite(axis.low) and math.isfinite(axis.high))]
         if open_axes or len(axes) > _AXES:
             raise InputError(
-                f"{WHO}: nothing bounds the pose axis {(open_axes or [axes[-1].name])[0]!r} of {robot}, whose equations "
-                "hold several joints, so that no box follows from reach and limits: pass a grid with its range or its "
-                "value."
+                f"{WHO}: nothing bounds the pose axis {(open_axes or [axes[-1].name])[0]!r} of {robot}, whose "
+                "equations hold several joints, so that no box follows from reach and limits: pass a grid with its "
+                "range or its value."
             )
         count = round(0.25 * _MOST ** (1 / len(axes))) * 2
         grid = Grid(**{axis.name: (axis.low, axis.high, count) for axis in axes})
@@ -370,8 +372,8 @@ def _doubts(chart: NodeChart, records: tuple[Aspect, ...], coarse: Linked, wante
     for a, b in np.unique(np.sort(ends[:, (ends[0] != ends[1]) & np.all(ends >= 0, axis=0)], axis=0), axis=1).T:
         where = pairs[0][np.flatnonzero(np.all(np.sort(ends, axis=0) == [[a], [b]], axis=0))[0]]
         doubts.append(
-            f"aspects [{a}] and [{b}] may be one: a line between their nodes near {place(found.solutions.poses[where])} "
-            "meets no other sign, but comes near a singularity"
+            f"aspects [{a}] and [{b}] may be one: a line between their nodes near "
+            f"{place(found.solutions.poses[where])} meets no other sign, but comes near a singularity"
         )
     if found.missed:
         doubts.append(

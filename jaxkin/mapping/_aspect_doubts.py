@@ -13,6 +13,7 @@ from jaxkin.mapping._aspect_joins import (
     unrolled,
 )
 from jaxkin.mapping._aspect_sheets import Doubt, Sheet, halve, judge, share, total_volumes
+from jaxkin.mapping._aspect_wall_walks import join_along_walls
 from jaxkin.mapping._aspect_walls import FLAT, OUTSIDE, UNDECIDED, critical_points
 from jaxkin.mapping.batch import in_blocks
 
@@ -75,6 +76,7 @@ def _counted(sheet: Sheet) -> tuple[Contacts, Owners]:
     owners = owners_of(sheet, min(level, sheet.box.levels))
     contacts, joined = join_by_lines(sheet, owners)
     sheet.joined += joined
+    sheet.walked += join_along_walls(sheet, owners)
     sheet.counts.append(sheet.components.count)
     return contacts, owners
 
@@ -177,6 +179,8 @@ def _by_saddles(sheet: Sheet, contacts: Contacts, same: np.ndarray, middle: np.n
                 pair = [sheet.components.of(sheet.tree, c[hit : hit + 1]) for c in (contacts.first, contacts.second)]
                 sheet.components.unite(*pair)
                 sheet.links.append(np.stack([contacts.first[hit : hit + 1], contacts.second[hit : hit + 1]]))
+                at = points[through[np.argmax(holds)]]
+                sheet.ways[int(contacts.first[hit]), int(contacts.second[hit])] = at[None]
                 sheet.saddles["connect"] += 1
                 return True
         settled |= good & (zero | (np.sign(values) == -sign))

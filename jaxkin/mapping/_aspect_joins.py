@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxkin.mapping import batch
 from jaxkin.mapping._aspect_sheets import BLOCK, Sheet
 from jaxkin.mapping._aspect_walls import UNDECIDED, point_codes
 from jaxkin.mapping.batch import in_blocks
@@ -97,8 +98,13 @@ def owners_of(sheet: Sheet, start: int) -> Owners:
             # A pair of equal cells is met from both sides, and is kept once.
             use = (state == UNDECIDED) & ((face % 2 == 1) | (other < level.offset))
             beside.append((row_of[one[use] - offset], row_of[other[use] - offset], flip[use]))
-    found, near = (tuple(np.concatenate(part) for part in zip(*pairs, strict=True)) for pairs in (proved, beside))
+    found, near = _columns(proved), _columns(beside)
     return Owners(leaves, _reached(shares_of(sheet, leaves) > 0, found, near), found, near)
+
+
+def _columns(parts: list[tuple[np.ndarray, ...]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    one, two, three = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return one, two, three
 
 
 def shares_of(sheet: Sheet, cells: np.ndarray) -> np.ndarray:
@@ -201,10 +207,12 @@ def join_by_lines(sheet: Sheet, owners: Owners) -> tuple[Contacts, int]:
     while len(contacts):
         first, second = (sheet.components.of(sheet.tree, cells) for cells in (contacts.first, contacts.second))
         chosen = _some_of_each(np.minimum(first, second), np.maximum(first, second))
-        good = _line_holds(sheet, contacts.picked(chosen))
+        good, via = _line_holds(sheet, contacts.picked(chosen))
         if not good.any():
             return contacts, joined
         hits = chosen[good]
+        ends = zip(contacts.first[hits].tolist(), contacts.second[hits].tolist(), via[good], strict=True)
+        sheet.ways.update({(a, b): point[None] for a, b, point in ends if np.isfinite(point[0])})
         before = sheet.components.count
         sheet.components.unite(first[hits], second[hits])
         joined += before - sheet.components.count
@@ -224,8 +232,8 @@ def _some_of_each(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.concatenate(chosen)
 
 
-def _line_holds(sheet: Sheet, contacts: Contacts) -> np.ndarray:
-    """True where a line between two proved cells, direct or by the deepest sub-point of the cell, keeps the code."""
+def _line_holds(sheet: Sheet, contacts: Contacts) -> tuple[np.ndarray, np.ndarray]:
+    """True where a line between two proved cells keeps the code, direct or by a sub-point of the cell; NaN or which."""
     width, middle = sheet.widths(contacts.cells), sheet.centres(contacts.cells)
     first, second = (unrolled(sheet, sheet.centres(cells), middle) for cells in (contacts.first, contacts.second))
     direct = lines_hold(sheet, first, second, contacts.code)
@@ -240,7 +248,7 @@ def _line_holds(sheet: Sheet, contacts: Contacts) -> np.ndarray:
     gap = np.sum((offsets[None] - centre[:, None]) ** 2, axis=-1) + np.where(held, 0.0, np.inf)
     via = middle + offsets[np.argmin(gap, axis=1)] * width
     bent = lines_hold(sheet, first, via, contacts.code) & lines_hold(sheet, via, second, contacts.code)
-    return direct | (held.any(axis=1) & bent)
+    return direct | (held.any(axis=1) & bent), np.where(direct[:, None], np.nan, via)
 
 
 def unrolled(sheet: Sheet, points: np.ndarray, near: np.ndarray) -> np.ndarray:
@@ -251,7 +259,8 @@ def unrolled(sheet: Sheet, points: np.ndarray, near: np.ndarray) -> np.ndarray:
 
 def codes_at(sheet: Sheet, points: np.ndarray) -> np.ndarray:
     """Returns the codes of points ``(k, d)``, OUTSIDE where there is none."""
-    return in_blocks(partial(point_codes, sheet.walls, sheet.data), points, block=BLOCK)
+    block = BLOCK if len(points) > batch.BLOCK else batch.BLOCK
+    return in_blocks(partial(point_codes, sheet.walls, sheet.data), points, block=block)
 
 
 def lines_hold(sheet: Sheet, start: np.ndarray, end: np.ndarray, code: np.ndarray) -> np.ndarray:

@@ -12,7 +12,7 @@ from jaxkin.numerics.gluing import short_way
 #: Nodes at which a search starts, and others at which it checks what continuation found.
 _SEARCHED, _CHECKED = 196, 128
 #: Components of fewer nodes are sought again in windows of so many rows around them, ...
-SMALL, _MARGINS = 16, (2, 6)
+SMALL, _MARGIN = 16, 5
 #: ... with so many nodes at most, and each cell cut at most so many times.
 _WINDOW, _CUTS = 2**13, 9
 
@@ -94,7 +94,7 @@ class Linked:
         return _graph(_pairs(self.links, self.bridges, "aspect"), len(self.solutions))
 
     def between(self, first: int, last: int) -> np.ndarray:
-        """Returns the points ``(k, d)`` by which a line of the graph goes between its ends; none where it is straight."""
+        """Returns the points ``(k, d)`` by which a line of the graph goes; none where it is straight."""
         for bridge in self.bridges:
             if bridge.kind == "aspect" and {first, last} == set(bridge.ends):
                 return bridge.points[:: 1 if bridge.ends[0] == first else -1][1:-1]
@@ -123,11 +123,9 @@ def linked(problem: Problem, lattice: Lattice, coarse: Linked | None = None) -> 
     numbers = measured(problem, solutions.poses, solutions.joints)
     links = joined(parts)
     bridges: tuple[Bridge, ...] = ()
-    for margin in _MARGINS:
-        aspect, _ = _components(solutions, links, numbers, bridges)
-        counts = np.bincount(aspect[aspect >= 0])
-        for label in np.flatnonzero(counts < SMALL):
-            bridges += _window(solutions, aspect, label, margin)
+    aspect, _ = _components(solutions, links, numbers, bridges)
+    for label in np.flatnonzero(np.bincount(aspect[aspect >= 0]) < SMALL):
+        bridges += _window(solutions, numbers, aspect, int(label))
     aspect, sheet = _components(solutions, links, numbers, bridges)
     return Linked(solutions, links, bridges, numbers, aspect, sheet, missed, len(random))
 
@@ -175,15 +173,15 @@ def _flood(solutions: Solutions, frontier: np.ndarray) -> Links:
             return joined(parts)
 
 
-def _window(solutions: Solutions, aspect: np.ndarray, label: int, margin: int) -> tuple[Bridge, ...]:
+def _window(solutions: Solutions, numbers: Measured, aspect: np.ndarray, label: int) -> tuple[Bridge, ...]:
     """Seeks links of one component to others in a finer lattice around it, whose nodes include those around it."""
     lattice, problem = solutions.lattice, solutions.problem
     own = np.flatnonzero(aspect == label)
     rows = lattice.index(solutions.nodes)
-    shape, start = np.array(lattice.shape), rows[own[0]]
+    shape, centre = np.array(lattice.shape), rows[own[0]]
     period = np.where(lattice.glued, shape, np.inf)
-    rows = start + short_way(rows - start, period).astype(int)
-    first, last = rows[own].min(axis=0) - margin, rows[own].max(axis=0) + margin + 1
+    rows = centre + short_way(rows - centre, period).astype(int)
+    first, last = rows[own].min(axis=0) - _MARGIN, rows[own].max(axis=0) + _MARGIN + 1
     first, last = (np.where(lattice.glued, ends, np.clip(ends, 0, shape)) for ends in (first, last))
     last = np.minimum(last, first + shape)
     # An odd number of parts of a cell have its centre among theirs.
@@ -196,20 +194,18 @@ def _window(solutions: Solutions, aspect: np.ndarray, label: int, margin: int) -
     inside = np.flatnonzero(np.all((rows >= first) & (rows < last), axis=1))
     nodes = np.ravel_multi_index(tuple(((rows[inside] - first) * parts + parts // 2).T), fine.shape)
     finer = Solutions(fine, problem)
-    seeds = aspect[inside] == label
+    seeds = np.all(numbers.scaled[inside] * numbers.scaled[own[0]] > 0, axis=1)
     links = _flood(finer, finer.add(nodes[seeds], solutions.joints[inside[seeds]]))
-    numbers = measured(problem, finer.poses, finer.joints)
-    place = finer.match(nodes, solutions.joints[inside])
+    place, start = finer.match(nodes, solutions.joints[inside]), int(np.flatnonzero(inside == own[0])[0])
+    others = (aspect[inside] != label) & (place >= 0)
+    components = _components(finer, links, measured(problem, finer.poses, finer.joints), ())
     found = []
-    for kind, labels in zip(("aspect", "sheet"), _components(finer, links, numbers, ()), strict=True):
-        start = place[np.flatnonzero(seeds)[0]]
-        same = np.flatnonzero(
-            (place >= 0) & (labels[place] == labels[start]) & (labels[place] >= 0) & (aspect[inside] != label)
-        )
-        for other in same[np.unique(aspect[inside[same]], return_index=True)[1]]:
-            graph = _graph(links.mutual(kind), len(finer))
-            route = fine.points(finer.nodes[route_between(graph, int(start), int(place[other]))])
-            found.append(Bridge(kind, (int(inside[np.flatnonzero(seeds)[0]]), int(inside[other])), route))
+    for kind, labels in zip(("aspect", "sheet"), components, strict=True):
+        same = np.flatnonzero(others & (labels[place] == labels[place[start]]) & (labels[place] >= 0))
+        graph = _graph(links.mutual(kind), len(finer))
+        for other in same[np.unique(aspect[inside[same]], return_index=True)[1]].tolist():
+            route = route_between(graph, int(place[start]), int(place[other]))
+            found.append(Bridge(kind, (int(own[0]), int(inside[other])), fine.points(finer.nodes[route])))
     return tuple(found)
 
 

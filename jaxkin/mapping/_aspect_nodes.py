@@ -20,13 +20,13 @@ from jaxkin.numerics.small_linalg import any_determinant, pivoted_solve
 #: Joints closer than this (dimensionless) are one solution.
 _SAME = 1e-6
 #: Steps of a continuation, and those of its repetition where the first was refused.
-_STEPS, _FINE = 4, 16
+_STEPS, _FINE = 4, 24
 #: Last correction of a continuation that converged, and determinants that count as zero, over their scales.
 _CONVERGED, _ZERO = 1e-9, 1e-9
-#: A determinant must exceed so many times the error of its linear interpolation between the steps.
+#: Where it is least a determinant must exceed so many times the error of linear interpolation between the steps.
 _SAFETY = 2.0
-#: Poses that one call follows, and searches.
-_BLOCK, _SEARCHED = 2048, 32
+#: Lines that one call follows, few ones in smaller calls, and poses that one searches.
+_BLOCK, _FEW, _SEARCHED = 2048, 128, 32
 
 
 @dataclass(frozen=True)
@@ -122,7 +122,7 @@ class Followed(NamedTuple):
 
 
 def follow(problem: "Problem", poses: np.ndarray, joints: np.ndarray, moves: np.ndarray) -> Followed:
-    """Follows solutions ``joints`` of ``poses`` along straight moves, all ``(k, n)``; what is refused, in more steps."""
+    """Follows solutions of poses along straight moves, all ``(k, n)``; what is refused once more in shorter steps."""
     found = _follow(problem, _STEPS, poses, joints, moves)
     again = np.flatnonzero(~(found.reached & found.aspect))
     if len(again):
@@ -134,7 +134,8 @@ def follow(problem: "Problem", poses: np.ndarray, joints: np.ndarray, moves: np.
 
 def _follow(problem: "Problem", steps: int, poses: np.ndarray, joints: np.ndarray, moves: np.ndarray) -> Followed:
     kernel = partial(_followed, steps, problem.rule, problem.robot, problem.clearance)
-    return Followed(*map(np.array, in_blocks(kernel, poses, joints, moves, block=_BLOCK)))
+    block = _FEW if len(poses) <= 4 * _FEW else _BLOCK
+    return Followed(*map(np.array, in_blocks(kernel, poses, joints, moves, block=block)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +164,10 @@ class Problem:
 
     def wrapped(self, joints: np.ndarray) -> np.ndarray:
         """Returns joints with glued ones within their intervals."""
-        return np.asarray(_wrapped(self.robot, jnp.asarray(joints)))
+        low = np.array([axis.low for axis in self.robot.joint_axes])
+        glued = np.isfinite(self.period)
+        low = np.where(glued, low, 0.0)
+        return np.where(glued, low + (joints - low) % np.where(glued, self.period, 1.0), joints)
 
 
 def _wrapped(robot: Mechanism, joints: Array) -> Array:
@@ -206,19 +210,24 @@ def _followed(
 ) -> tuple[Array, ...]:
     length = robot.characteristic_length()
     pose_unit, unit = scale_vector(robot.pose_axes, length), scale_vector(robot.joint_axes, length)
+    ends = jnp.linspace(0.0, 1.0, steps + 1)
+    if steps == _FINE:
+        # Short steps at both ends: near a fold solutions move like a root of the distance.
+        for _ in range(2):
+            ends = ends**2 * (3 - 2 * ends)
+    parts = jnp.stack([ends[:-1], ends[1:]], axis=1)
 
     def one(pose: Array, q: Array, move: Array) -> tuple[Array, ...]:
-        step = move / steps
-        stride = jnp.max(jnp.abs(step / pose_unit))
+        stride = jnp.max(jnp.abs(move / pose_unit))
 
         def looked(pose: Array, q: Array) -> tuple[Array, Array, Array]:
             a, b = raw_jacobians(robot, pose, q)
             values = jnp.stack([_scaled(a, pose_unit), _scaled(b, unit)])
-            return -pivoted_solve(b, a @ step), values, _allowed(robot, rule, clearance, pose, q)
+            return -pivoted_solve(b, a @ move), values, _allowed(robot, rule, clearance, pose, q)
 
-        def advance(carry: tuple[Array, Array], k: Array) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
-            q, lead = carry
-            target = pose + (k + 1) * step
+        def advance(carry: tuple[Array, Array], part: Array) -> tuple[tuple[Array, Array], tuple[Array, ...]]:
+            (q, rate), share = carry, part[1] - part[0]
+            target, lead = pose + part[1] * move, share * rate
 
             def correct(_: Array, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
                 q, largest, _ = state
@@ -229,16 +238,20 @@ def _followed(
 
             q, largest, last = jax.lax.fori_loop(0, 4, correct, (q + lead, jnp.zeros(()), jnp.zeros(())))
             # A correction as long as the step itself may have led to another solution.
-            near = largest <= 0.5 * (jnp.max(jnp.abs(lead / unit)) + stride)
-            lead, values, allowed = looked(target, q)
-            return (q, lead), (near & (last <= _CONVERGED), values, allowed)
+            near = largest <= 0.5 * (jnp.max(jnp.abs(lead / unit)) + share * stride)
+            rate, values, allowed = looked(target, q)
+            return (q, rate), (near & (last <= _CONVERGED), values, allowed)
 
-        lead, first, allowed = looked(pose, q)
-        (q, _), (good, rest, inside) = jax.lax.scan(advance, (q, lead), jnp.arange(steps))
+        rate, first, allowed = looked(pose, q)
+        (q, _), (good, rest, inside) = jax.lax.scan(advance, (q, rate), parts)
         values = jnp.concatenate([first[None], rest])
         same = jnp.all(values * first > 0, axis=0)
-        bend = jnp.max(jnp.abs(values[2:] - 2 * values[1:-1] + values[:-2]), axis=0)
-        away = jnp.min(jnp.abs(values), axis=0) > jnp.maximum(_ZERO, _SAFETY * bend / 8)
+        size = jnp.abs(values)
+        bend = jnp.abs(size[2:] - 2 * size[1:-1] + size[:-2])
+        # Between the steps it is smaller than at them only about a least one: at a fold det B grows like a root, and
+        # bends much without coming back.
+        least = (size[1:-1] <= size[2:]) & (size[1:-1] <= size[:-2])
+        away = jnp.all(~least | (size[1:-1] > _SAFETY * bend / 8), axis=0) & (jnp.min(size, axis=0) > _ZERO)
         reached, inside = jnp.all(good) & jnp.all(jnp.isfinite(q)), allowed & jnp.all(inside)
         kept = same & away & reached
         return q, reached, reached & jnp.all(same) & inside, kept[1], jnp.all(kept) & inside

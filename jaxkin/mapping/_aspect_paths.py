@@ -27,6 +27,14 @@ def path_between(charted: Charted, number: int, start: np.ndarray, goal: np.ndar
     if own[0] != cells[0]:
         points.append(unrolled(sheet, centres[0], start))
     for k in range(len(cells) - 1):
+        pair = int(cells[k]), int(cells[k + 1])
+        way = sheet.ways[pair] if pair in sheet.ways else sheet.ways.get((pair[1], pair[0]), centres[:0])[::-1]
+        if len(way):
+            # The way's own cell is its first: all of it moves by whole periods as one.
+            points.append(unrolled(sheet, centres[k], points[-1]))
+            points += list(way + unrolled(sheet, way[0], points[-1]) - way[0])
+            points.append(unrolled(sheet, centres[k + 1], points[-1]))
+            continue
         points += _between(sheet, points[-1], centres[k : k + 2], widths[k : k + 2])
     if own[1] != cells[-1]:
         points.append(unrolled(sheet, centres[-1], points[-1]))

@@ -96,9 +96,11 @@ class Sheet:
         counts: Components, joined by lines, of the same levels.
         doubts: What could change the count.
         joined: How many lines joined components.
+        walked: How many strips along inner walls joined components.
         saddles: How many critical points of a singular wall showed two components to be one, to be two with a gap
             between them, or to be two that meet where the wall crosses itself.
-        links: ``(2, k)`` pairs of proved cells that straight lines through undecided cells join.
+        links: ``(2, k)`` pairs of proved cells that lines through undecided cells join.
+        ways: The points between the two cells of a link that is not straight, ``(k, d)``.
         enclosure: The smooth walls, for bounds over cells.
         scale: ``(n_smooth,)`` magnitude of each smooth wall over the box.
         tiny: ``(W,)`` what of each wall is rounding.
@@ -120,8 +122,10 @@ class Sheet:
     counts: list[int] = field(default_factory=list)
     doubts: list["Doubt"] = field(default_factory=list)
     joined: int = 0
+    walked: int = 0
     saddles: dict[str, int] = field(default_factory=lambda: {"connect": 0, "separate": 0, "crossing": 0})
     links: list[np.ndarray] = field(default_factory=list)
+    ways: dict[tuple[int, int], np.ndarray] = field(default_factory=dict)
     enclosure: Enclosure | None = None
     scale: np.ndarray | None = None
     tiny: np.ndarray | None = None

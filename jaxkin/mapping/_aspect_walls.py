@@ -26,6 +26,8 @@ OUTSIDE, UNDECIDED, SPLIT = -1, -2, -3
 REGULAR, FLAT, SEVERAL = 0, 1, 2
 #: A sampled wall keeps its sign over a cell where it is so many times larger than its changes to the cell's faces.
 _SLACK = 1.25
+#: How much faster than the platform (scaled) joints may be before a pose counts as near a serial singularity.
+_SERIAL = 4.0
 #: Sub-points an axis by which an undecided cell is shared out, by the number of free axes.
 _SUBPOINTS = {1: 16, 2: 4, 3: 3}
 
@@ -306,14 +308,20 @@ def point_codes(walls: Walls, data: WallData, points: Array) -> Array:
 
 
 @partial(jax.jit, static_argnames="walls")
-def measured_points(walls: Walls, data: WallData, points: Array) -> tuple[Array, Array, Array, Array]:
-    """Returns poses, joints, clearance and det A at points ``(k, d)`` of the sheet."""
+def measured_points(walls: Walls, data: WallData, points: Array) -> tuple[Array, Array, Array, Array, Array]:
+    """Returns poses, joints, clearance, det A and depth at points ``(k, d)`` of the sheet.
 
-    def one(u: Array) -> tuple[Array, Array, Array, Array]:
+    The depth is the clearance, or some times the smallest singular value of dx/dq where that is smaller: the clearance
+    alone has no maximum, as it is infinite where all legs are stretched.
+    """
+
+    def one(u: Array) -> tuple[Array, Array, Array, Array, Array]:
         pose = walls.pose(data, u)
         joints = walls.joints(data, pose)
         measures = raw_conditioning(data.robot, pose, joints)
-        return pose, joints, measures.smallest_singular_value, measures.determinant
+        clearance = measures.smallest_singular_value
+        depth = jnp.minimum(clearance, _SERIAL * measures.inverse_condition_number / clearance)
+        return pose, joints, clearance, measures.determinant, depth
 
     return jax.vmap(one)(points)
 

@@ -8,8 +8,10 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_single
+from jaxkin.kinematics.legs import legs_of
 from jaxkin.mapping._aspect_assembly import Charted, Piece, pieces, volumes
 from jaxkin.mapping._aspect_box import WHO, Task, prepared
+from jaxkin.mapping._aspect_coupled import coupled_aspects
 from jaxkin.mapping._aspect_doubts import refine
 from jaxkin.mapping._aspect_records import Aspect, Aspects, Slice
 from jaxkin.mapping._aspect_sheets import Sheet, new_sheet
@@ -59,6 +61,8 @@ def aspects(
         study" (generalised aspects).
     """
     checked_single(WHO, robot)
+    if legs_of(robot) is None:
+        return coupled_aspects(robot, grid, limits, clearance)
     task = prepared(robot, grid, limits, clearance)
     sheets = [new_sheet(task.walls, data, task.box, task.flips) for data in task.sheets]
     found: list[Piece] = []
@@ -177,6 +181,7 @@ def _evidence(task: Task, sheets: list[Sheet]) -> dict[str, Any]:
         "count on the last levels": counts,
         "stable": len(set(counts[-3:])) == 1,
         "components joined by sampled lines": sum(sheet.joined for sheet in sheets),
+        "components joined along inner walls": sum(sheet.walked for sheet in sheets),
         "critical points of a wall between components": {
             name: sum(sheet.saddles[name] for sheet in sheets) for name in ("connect", "separate", "crossing")
         },

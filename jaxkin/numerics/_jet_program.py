@@ -1,7 +1,7 @@
 """A function's jaxpr read as a list of steps on single numbers, and the run of these steps on jets.
 
-Every entry of an array is a number of its own: what only moves entries costs nothing, what is computed twice is computed
-once, what is not needed not at all, and zeros and ones that differentiation leaves behind vanish.
+Every entry of an array is a number of its own: what only moves entries costs nothing, equal operations are done once,
+those that are not needed not at all, and zeros and ones that differentiation leaves behind vanish.
 """
 
 from collections.abc import Callable, Sequence
@@ -14,11 +14,31 @@ from jaxkin.numerics import _intervals as iv
 from jaxkin.numerics._jets import Jet, UnsupportedOperation, elementwise, is_elementwise
 
 _MOVES = frozenset(
-    "slice squeeze reshape broadcast_in_dim concatenate stack split unstack transpose expand_dims rev gather scatter "
-    "dynamic_slice dynamic_update_slice pad".split()
+    (
+        "slice",
+        "squeeze",
+        "reshape",
+        "broadcast_in_dim",
+        "concatenate",
+        "stack",
+        "split",
+        "unstack",
+        "transpose",
+        "expand_dims",
+        "rev",
+        "gather",
+        "scatter",
+        "dynamic_slice",
+        "dynamic_update_slice",
+        "pad",
+    )
 )
-_CALLS = frozenset("jit pjit closed_call core_call custom_jvp_call custom_vjp_call remat checkpoint".split())
-_SAME = frozenset("convert_element_type copy copy_p stop_gradient optimization_barrier reduce_precision".split())
+_CALLS = frozenset(
+    ("jit", "pjit", "closed_call", "core_call", "custom_jvp_call", "custom_vjp_call", "remat", "checkpoint")
+)
+_SAME = frozenset(
+    ("convert_element_type", "copy", "copy_p", "stop_gradient", "optimization_barrier", "reduce_precision")
+)
 
 
 class Step(NamedTuple):
@@ -169,18 +189,18 @@ class _Reader:
             return moved
         if is_elementwise(name):
             alike = np.broadcast_arrays(*inputs, np.empty(equation.outvars[0].aval.shape))[:-1]
-            found = [self._one(name, row, params) for row in zip(*(part.ravel().tolist() for part in alike), strict=True)]
+            rows = zip(*(part.ravel().tolist() for part in alike), strict=True)
+            found = [self._one(name, row, int(params.get("y", 0))) for row in rows]
             return [np.array(found, int).reshape(equation.outvars[0].aval.shape)]
         return self._folded(equation, inputs)
 
     def _plain(self, entries: np.ndarray) -> np.ndarray:
         return np.array([self.numbers[int(k)] for k in entries.ravel()]).reshape(entries.shape)
 
-    def _one(self, name: str, inputs: tuple[int, ...], params: Any) -> int:
+    def _one(self, name: str, inputs: tuple[int, ...], power: int = 0) -> int:
         """Returns the entry that an operation on numbers gives, an earlier one if it can."""
         if (short := self._short(name, inputs)) is not None:
             return short
-        power = int(params["y"]) if name == "integer_pow" else 0
         key = name, power, tuple(sorted(inputs)) if name in ("add", "add_any", "mul") else inputs
         if key not in self._places:
             place = int(self.fresh((), self.constants.issuperset(inputs)))
@@ -215,7 +235,7 @@ class _Reader:
             some = groups[where].tolist()
             total[where] = some[0] if some else self._known(0.0)
             for k in some[1:]:
-                total[where] = self._one("add", (int(total[where]), k), {})
+                total[where] = self._one("add", (int(total[where]), k))
         return total
 
     def _dotted(self, inputs: list[np.ndarray], numbers: Any) -> np.ndarray:
@@ -226,7 +246,8 @@ class _Reader:
             sizes = (int(np.prod([entries.shape[k] for k in axes], dtype=int)) for axes in (batch, free, contract))
             parts.append(entries.transpose(*batch, *free, *contract).reshape(*sizes))
         left, right = np.broadcast_arrays(parts[0][:, :, None], parts[1][:, None])
-        products = [self._one("mul", pair, {}) for pair in zip(left.ravel().tolist(), right.ravel().tolist(), strict=True)]
+        factors = zip(left.ravel().tolist(), right.ravel().tolist(), strict=True)
+        products = [self._one("mul", pair) for pair in factors]
         return self._summed(np.array(products, int).reshape(left.shape))
 
     def _moved(self, equation: Any, inputs: list[np.ndarray]) -> list[np.ndarray] | None:

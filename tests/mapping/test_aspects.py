@@ -227,6 +227,55 @@ def _five_bar_joints(points, mode):
     return np.stack(columns, axis=1)
 
 
+def test_a_neck_along_a_stretched_leg_is_walked():
+    # det A keeps its sign along the circle r = 5.2 about pivot 2, in a strip that narrows to some 1e-5.
+    robot = five_bar.create(9.1, (9.0, 3.0), (5.8, 8.2))
+    found = aspects(robot)
+    assert found.count == 12
+    assert found.doubts == ()
+    assert found.evidence["components joined along inner walls"] == 2
+    tip = np.array([9.33903807, -5.19525909])
+    (large,) = [a for a in found if a.working_mode == (1, -1) and a.sign < 0 and a.volume > 20]
+    q = next(
+        q for q in np.asarray(jk.inverse(robot, tip).values) if found.aspect_of(tip, q) == found.aspects.index(large)
+    )
+    path = found.path(tip, large.pose, q, large.joints)
+    assert path is not None
+    _, determinant, clearance = measured(robot, dense_path(path), _joints_of(robot, dense_path(path), (1, -1)))
+    assert np.all(determinant < 0)
+    assert np.min(clearance) > 0
+    # Through the narrow part, in which no cell of the finest level fits.
+    depth = np.hypot(path[:, 0] - 9.1, path[:, 1]) - 5.2
+    assert np.ptp(path[depth < 1e-3, 0]) > 0.1
+    assert 0 < np.min(depth) < 1e-4
+
+
+def _joints_of(robot, points, mode):
+    """Returns the joints of one working mode: the signs of dF_k/dtheta_k say which solution that is."""
+
+    def one(point):
+        found = jk.inverse(robot, point).values
+        slope = jax.vmap(lambda q: jnp.diagonal(jax.jacfwd(robot.constraints, argnums=1)(point, q)))(found)
+        return found[jnp.argmax(jnp.all(jnp.sign(slope) == jnp.array(mode), axis=1))]
+
+    return jax.jit(jax.vmap(one))(jnp.asarray(points))
+
+
+def test_mirrored_aspects_are_equally_deep(bar):
+    # The base line is an axis of symmetry, at which signs of working modes and of det A change.
+    for aspect in bar:
+        if aspect.volume > 2:
+            mirror = [
+                other
+                for other in bar
+                if other.working_mode == tuple(-s for s in aspect.working_mode)
+                and other.sign == -aspect.sign
+                and abs(other.volume - aspect.volume) < 1e-6
+            ]
+            assert len(mirror) == 1
+            assert mirror[0].clearance == pytest.approx(aspect.clearance, rel=1e-3)
+
+
 def test_leg_limits_bound_the_box_and_cut_aspects():
     robot = rpr3.analytic(1.0, 0.0, 1.0).with_limits(rho1=(0.5, 2.0), rho2=(0.5, 2.0), rho3=(0.5, 2.0))
     found = aspects(robot, jk.Grid(x=(-2.1, 2.1, 48), y=(-2.1, 2.1, 48), phi=(-PI, PI, 48)))

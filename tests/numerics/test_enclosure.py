@@ -88,6 +88,25 @@ def test_roots_and_kinks_that_are_not_smooth_over_a_box_have_no_bound():
     assert np.isinf(taylor_remainder(kink, high)).all()
 
 
+def test_what_moves_entries_and_what_vanishes_costs_nothing():
+    """Products of derivatives with ones and zeros are not computed, nor anything twice."""
+
+    def plain(p, x):
+        return jnp.stack([jnp.sin(x[0]) * x[1] + p])
+
+    def roundabout(p, x):
+        value, slope = jax.jvp(lambda v: v + 0.0 * jnp.sin(v) + p, (jnp.sin(x[0]) * x[1],), (jnp.ones(()),))
+        padded = jnp.concatenate([jnp.zeros(2), jnp.stack([value, jnp.sin(x[0])])])[::-1]
+        return padded[1:2] * slope
+
+    low = np.array([[0.1, -2.0], [0.3, 1.0]])
+    first, second = (enclosure_of(function, 0.7, 2) for function in (plain, roundabout))
+    assert len(second.program.steps) == len(first.program.steps) == 3
+    a, b = first(0.7, low, low + 0.2), second(0.7, low, low + 0.2)
+    for order in ("value", "first", "second"):
+        np.testing.assert_array_equal(getattr(a, order), getattr(b, order))
+
+
 def test_an_unknown_operation_is_named():
     enclosure = enclosure_of(lambda p, x: jnp.tanh(x + p), 0.0, 2)
     with pytest.raises(UnsupportedOperation, match="tanh"):
