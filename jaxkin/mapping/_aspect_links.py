@@ -124,7 +124,9 @@ def linked(problem: Problem, lattice: Lattice, coarse: Linked | None = None) -> 
     links = joined(parts)
     bridges: tuple[Bridge, ...] = ()
     aspect, _ = _components(solutions, links, numbers, bridges)
-    for label in np.flatnonzero(np.bincount(aspect[aspect >= 0]) < SMALL):
+    # The coarse lattice is only a start and a comparison.
+    small = np.bincount(aspect[aspect >= 0]) < SMALL
+    for label in np.flatnonzero(small & (coarse is not None)):
         bridges += _window(solutions, numbers, aspect, int(label))
     aspect, sheet = _components(solutions, links, numbers, bridges)
     return Linked(solutions, links, bridges, numbers, aspect, sheet, missed, len(random))
@@ -192,7 +194,7 @@ def _window(solutions: Solutions, numbers: Measured, aspect: np.ndarray, label: 
     low, high = lattice.low + first * lattice.width, lattice.low + last * lattice.width
     fine = Lattice(lattice.free, lattice.fixed, low, high, tuple((last - first) * parts), np.zeros(len(shape), bool))
     inside = np.flatnonzero(np.all((rows >= first) & (rows < last), axis=1))
-    nodes = np.ravel_multi_index(tuple(((rows[inside] - first) * parts + parts // 2).T), fine.shape)
+    nodes = np.asarray(np.ravel_multi_index(tuple(((rows[inside] - first) * parts + parts // 2).T), fine.shape))
     finer = Solutions(fine, problem)
     seeds = np.all(numbers.scaled[inside] * numbers.scaled[own[0]] > 0, axis=1)
     links = _flood(finer, finer.add(nodes[seeds], solutions.joints[inside[seeds]]))

@@ -26,8 +26,8 @@ class Aspect:
         volume: Of its poses, in the product of the free axes' units.
         error: Estimate of the volume's error.
         proved: Volume of the cells proved to lie in it: a lower bound.
-        pose: ``(n_pose,)`` the pose of largest clearance that a search found, serial singularities kept off: the smaller
-            of the smallest singular value of dq/dx and four times that of dx/dq (scaled) is largest.
+        pose: ``(n_pose,)`` the pose of largest clearance that a search found, serial singularities kept off: there the
+            smaller of the smallest singular value of dq/dx and four times that of dx/dq (scaled) is largest.
         joints: ``(n_joint,)`` its joints.
         clearance: Smallest singular value of -B^-1 A there, scaled by the characteristic length.
         touches_edge: True where it reaches an end of the grid beyond which the axis goes on: it may go on there, and
