@@ -76,8 +76,7 @@ def _aspect_rows(robot: "Mechanism", found: "Aspects") -> Iterator[list[Any]]:
         *(axis.name for axis in robot.joint_axes),
     ]
     for aspect in found:
-        mode = " ".join(f"{sign:+d}" for sign in aspect.working_mode)
-        row = [aspect.name, aspect.sign, mode, aspect.volume, aspect.error, aspect.clearance]
+        row = [aspect.name, aspect.sign, aspect.mode, aspect.volume, aspect.error, aspect.clearance]
         yield [*row, str(bool(aspect.touches_edge)).lower(), *map(float, aspect.pose), *map(float, aspect.joints)]
 
 

@@ -57,6 +57,20 @@ def prepared(robot: Mechanism, grid: Grid | None, limits: bool | str, clearance:
         InputError: No grid where one is needed, a wrong one, or a mechanism without sign vectors as working modes.
         GeometryError: The geometry is degenerate.
     """
+    check_arguments(robot, limits, clearance)
+    legs = legs_of(robot)
+    assert legs is not None  # Others are sampled, see ``_aspect_coupled``.
+    bound = _bound(robot, legs, grid, limits)
+    return _task(robot, legs, bound, limits, clearance)
+
+
+def check_arguments(robot: Mechanism, limits: bool | str, clearance: float) -> None:
+    """Refuses a degenerate geometry and arguments that are none.
+
+    Raises:
+        InputError: ``limits`` or ``clearance`` is wrong.
+        GeometryError: The geometry is degenerate.
+    """
     if not bool(np.all(robot.geometry_ok())):
         raise GeometryError(
             f"{WHO}: the geometry of {robot} is degenerate or not finite; build it with the mechanism's constructor, "
@@ -69,15 +83,6 @@ def prepared(robot: Mechanism, grid: Grid | None, limits: bool | str, clearance:
         )
     if not (isinstance(clearance, int | float) and math.isfinite(clearance) and clearance >= 0):
         raise InputError(f"{WHO}: clearance is {clearance!r}: it must be a finite number that is not negative.")
-    legs = legs_of(robot)
-    if legs is None:
-        raise InputError(
-            f"{WHO}: an equation of {robot} holds several joints, or one in an unknown form, so that its working modes "
-            "are no sign vectors: aspects of such a mechanism are not implemented; eliminate joints so that every "
-            "equation holds one."
-        )
-    bound = _bound(robot, legs, grid, limits)
-    return _task(robot, legs, bound, limits, clearance)
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,17 @@ import jax.numpy as jnp
 import numpy as np
 from jax.typing import ArrayLike
 
-from jaxkin.core.errors import GeometryError, InputError
+from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import identity
 from jaxkin.kinematics.boundary import checked_vector
+from jaxkin.mapping._aspect_box import WHO, check_arguments
 from jaxkin.mapping._aspect_links import SMALL, Linked, linked, route_between
 from jaxkin.mapping._aspect_nodes import Lattice, Problem, Rule, follow
 from jaxkin.mapping._aspect_records import Aspect, Aspects
 from jaxkin.numerics.gluing import short_way
 from jaxkin.sweep.grid import Grid, Span
 
-WHO = "jk.aspects"
 #: Most nodes of a lattice, fewest along an axis, and free axes.
 _MOST, _FEWEST, _AXES = 2**16, 16, 3
 
@@ -191,7 +191,7 @@ def coupled_aspects(robot: Mechanism, grid: Grid | None, limits: bool | str, cle
     neighbouring nodes are linked where continuation leads from either to the other and det A, det B, limits and
     clearance hold at its steps. Aspects are the components; sheets, the working modes, those where only det B counts.
     """
-    _check(robot, limits, clearance)
+    check_arguments(robot, limits, clearance)
     problem = Problem(robot, Rule(limits, clearance > 0), float(clearance))
     lattice, open_ends, wanted = _lattice(robot, grid)
     half = replace(lattice, shape=tuple(max(2, count // 2) for count in lattice.shape))
@@ -220,21 +220,6 @@ def coupled_aspects(robot: Mechanism, grid: Grid | None, limits: bool | str, cle
         free=tuple(axes[k].name for k in lattice.free),
         _charted=chart,
     )
-
-
-def _check(robot: Mechanism, limits: bool | str, clearance: float) -> None:
-    if not bool(np.all(robot.geometry_ok())):
-        raise GeometryError(
-            f"{WHO}: the geometry of {robot} is degenerate or not finite; build it with the mechanism's constructor, "
-            "which names what is wrong."
-        )
-    if limits not in (True, False, "joints"):
-        raise InputError(
-            f"{WHO}: limits is {limits!r}: give True for all margins of the mechanism, 'joints' for the joints' own "
-            "limits alone, or False."
-        )
-    if not (isinstance(clearance, int | float) and math.isfinite(clearance) and clearance >= 0):
-        raise InputError(f"{WHO}: clearance is {clearance!r}: it must be a finite number that is not negative.")
 
 
 def _lattice(robot: Mechanism, grid: Grid | None) -> tuple[Lattice, np.ndarray, tuple[int, ...]]:

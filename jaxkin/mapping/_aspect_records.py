@@ -22,17 +22,18 @@ class Aspect:
     Attributes:
         name: For instance ``"det > 0"``, with the working mode and a number where there are several.
         sign: Sign of det A = det dF/dpose in it.
-        working_mode: Signs of the diagonal of B = dF/djoints.
+        working_mode: Signs of the diagonal of B = dF/djoints; one number, of the sheet, where equations hold several
+            joints.
         volume: Of its poses, in the product of the free axes' units.
         error: Estimate of the volume's error.
-        proved: Volume of the cells proved to lie in it: a lower bound.
+        proved: Volume of the cells proved to lie in it: a lower bound; 0 where all was sampled.
         pose: ``(n_pose,)`` the pose of largest clearance that a search found, serial singularities kept off: there the
             smaller of the smallest singular value of dq/dx and four times that of dx/dq (scaled) is largest.
         joints: ``(n_joint,)`` its joints.
         clearance: Smallest singular value of -B^-1 A there, scaled by the characteristic length.
         touches_edge: True where it reaches an end of the grid beyond which the axis goes on: it may go on there, and
             join another one.
-        cells: Number of cells proved to lie in it.
+        cells: Number of cells proved to lie in it, or of nodes where all was sampled.
     """
 
     name: str
@@ -46,6 +47,13 @@ class Aspect:
     clearance: float
     touches_edge: bool
     cells: int
+
+    @property
+    def mode(self) -> str:
+        """The working mode in words: one sign a leg, or the number of a sheet where equations hold several joints."""
+        if self.name.startswith("sheet "):
+            return f"sheet {self.working_mode[0]}"
+        return " ".join(f"{sign:+d}"[0] for sign in self.working_mode)
 
     def __str__(self) -> str:
         """A summary of one line."""

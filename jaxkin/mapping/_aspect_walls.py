@@ -30,6 +30,8 @@ _SLACK = 1.25
 _SERIAL = 4.0
 #: Sub-points an axis by which an undecided cell is shared out, by the number of free axes.
 _SUBPOINTS = {1: 16, 2: 4, 3: 3}
+#: Irrational steps by which they are moved from cell to cell: no plane of cells repeats one place.
+_SCATTER = np.sqrt(np.array([[2.0, 3.0, 5.0], [7.0, 11.0, 13.0], [17.0, 19.0, 23.0]]))
 
 
 class WallData(NamedTuple):
@@ -274,25 +276,27 @@ def shared_cells(walls: Walls, data: WallData, low: Array, width: Array, index: 
     """Returns the share of each code in each cell at sub-points, ``(k, 2^n_singular)``; no more than 1 together.
 
     By linear forms about the centre, or exactly, which takes so many times as long as there are sub-points. A linear
-    form that is not finite gives NaN.
+    form that is not finite gives NaN. Sub-points lie elsewhere in every cell: along a wall parallel to the cells their
+    errors would all be one.
     """
     d = len(walls.free)
     count = _SUBPOINTS[d]
     steps = (np.arange(count) + 0.5) * (2 / count) - 1
     points = jnp.asarray(np.stack(np.meshgrid(*[steps] * d, indexing="ij"), axis=-1).reshape(-1, d))
 
-    def one(u: Array) -> Array:
+    def one(u: Array, place: Array) -> Array:
+        there = points + (2 / count) * (jnp.sum(_SCATTER[:d, :d] * place, axis=1) % 1.0 - 0.5)
         if exact:
-            values = jax.vmap(lambda v: walls.all(data, u + v))(points * (0.5 * width))
+            values = jax.vmap(lambda v: walls.all(data, u + v))(there * (0.5 * width))
         else:
             value, slope, _ = _features(walls, data, u, 0.5 * width)
-            values = value[None] + points @ slope.T
+            values = value[None] + there @ slope.T
         inside = jnp.all(values[:, walls.n_singular :] > 0, axis=1)
         codes = jnp.where(inside, code_of(walls, values), -1)
         shares = jnp.stack([jnp.mean(codes == code, dtype=float) for code in range(1 << walls.n_singular)])
         return shares if exact else shares + 0 * jnp.sum(values)
 
-    return jax.vmap(one)(low + (index + 0.5) * width)
+    return jax.vmap(one)(low + (index + 0.5) * width, index)
 
 
 @partial(jax.jit, static_argnames="walls")

@@ -33,7 +33,9 @@ def aspects(
     which ``evidence`` says.
 
     Args:
-        robot: The mechanism; every equation holds one joint (``jaxkin.kinematics.legs``).
+        robot: The mechanism. Where every equation holds one joint (``jaxkin.kinematics.legs``) working modes are
+            signs, one a leg. Elsewhere a working mode is a numbered sheet of the inverse kinematics, found by
+            continuation between the nodes of a uniform grid; nothing is proved then, and volumes are counts of nodes.
         grid: A grid over the pose axes: its numbers are the finest cells along each axis, which are made only where
             they are needed; a number fixes an axis. None takes the box that reach and limits leave.
         limits: True for all margins of the mechanism (joint limits, interference, passive joints), ``"joints"`` for
@@ -47,8 +49,7 @@ def aspects(
 
     Raises:
         PrecisionError: float64 is not enabled.
-        InputError: An axis without bounds and no grid, a grid too coarse, more than three free axes, or a mechanism
-            whose working modes are no sign vectors.
+        InputError: An axis without bounds and no grid, a grid too coarse, or more than three free axes.
         GeometryError: The geometry is degenerate.
 
     The singularities are those of the chain that the constraints describe: the wrists of the TLPM, for instance, turn
@@ -179,7 +180,7 @@ def _evidence(task: Task, sheets: list[Sheet]) -> dict[str, Any]:
         "cells tested, by level": total("tested"),
         "cells undecided, by level": total("undecided"),
         "count on the last levels": counts,
-        "stable": len(set(counts[-3:])) == 1,
+        "stable": len(set(counts[-2:])) == 1,
         "components joined by sampled lines": sum(sheet.joined for sheet in sheets),
         "components joined along inner walls": sum(sheet.walked for sheet in sheets),
         "critical points of a wall between components": {

@@ -60,8 +60,8 @@ def mode_change(
         goal: ``(n_pose,)`` another one.
         grid: Where to search, a grid over the pose axes with start and goal inside; a number holds an axis. None takes
             boxes around all assembly modes of ``joints``, wider and finer where nothing is found.
-        encircle: Whether to look for the cusp curves in a box around the loop, and which of them it is linked with. That
-            takes seconds, and the first time about a minute.
+        encircle: Whether to look for the cusp curves in a box around the loop, and which of them it is linked with:
+            that takes seconds, and the first time about a minute.
 
     Returns:
         A ``ModeChange``: ``.found``, ``.reason``, ``.poses``, ``.joints``, ``.clearance``, ``.verified``,

@@ -4,7 +4,7 @@ import difflib
 import importlib
 import math
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from jaxkin.core.errors import InputError
 
@@ -40,7 +40,7 @@ class Entry:
         title: One line for a person.
         module: Module with the constructor.
         constructor: Its name.
-        geometry: Default geometry, the source's example.
+        geometry: Default geometry, the source's example: numbers, and tuples of them.
         source: Where it comes from.
         study: Where to look at it.
         options: Further arguments of the constructor, and how each is written: a number, or several as ``a:b:c``.
@@ -49,7 +49,7 @@ class Entry:
     title: str
     module: str
     constructor: str
-    geometry: dict[str, float | tuple[float, ...]]
+    geometry: dict[str, Any]
     source: str
     study: Study
     options: dict[str, str] = field(default_factory=dict)

@@ -125,6 +125,6 @@ def _check(robot: FiveBar) -> None:
     ends = np.stack([robot.limits.low, robot.limits.high])
     if np.any(np.isfinite(ends) & (np.abs(ends) > np.pi)):
         raise GeometryError(
-            f"limits has an end of {np.max(np.abs(ends[np.isfinite(ends)])):g} rad: crank angles are in [-pi, pi); give "
-            "limits between -pi and pi, or -inf and inf where there are none."
+            f"limits has an end of {np.max(np.abs(ends[np.isfinite(ends)])):g} rad: crank angles are in [-pi, pi); "
+            "give limits between -pi and pi, or -inf and inf where there are none."
         )

@@ -72,7 +72,7 @@ def aspects(
     cuts = _cuts(result, slices)
     if curves is not None:
         _check_curves(result, curves)
-    modes = list(dict.fromkeys(aspect.working_mode for aspect in result))
+    modes = {aspect.working_mode: aspect.mode for aspect in result}
     places = [(mode, cut) for mode in modes for cut in cuts]
     panels = _panels(len(places), _proportion(result, cuts[0])) if axes is None else _given(axes, len(places))
     paint = _paint(result)
@@ -84,18 +84,13 @@ def aspects(
             _curves(ax, curves, mode)
         _frame(ax, result, part)
         _numbers(ax, result, part, mode)
-        ax.set_title(_title(mode if len(modes) > 1 else (), cut), fontsize="small")
+        ax.set_title(_title(modes[mode] if len(modes) > 1 else "", cut), fontsize="small")
     if axes is None:
         for ax in panels:
             ax.label_outer()
     handles = _handles(result, paint, undecided=undecided, curves=curves)
     _legend(panels, handles, own=axes is None)
     return panels
-
-
-def mode_text(mode: Sequence[int]) -> str:
-    """Returns the signs of a working mode."""
-    return "(" + ", ".join("+" if sign > 0 else "−" for sign in mode) + ")"
 
 
 # --- what is drawn ------------------------------------------------------------------------------------------
@@ -195,8 +190,9 @@ def _numbers(ax: Axes, result: Aspects, part: Slice, mode: tuple[int, ...]) -> N
         text.set_path_effects([effects.withStroke(linewidth=2, foreground="white", alpha=0.8)])
 
 
-def _title(mode: Sequence[int], cut: dict[str, float]) -> str:
-    parts = [f"working mode {mode_text(mode)}"] if mode else []
+def _title(mode: str, cut: dict[str, float]) -> str:
+    shown = mode if mode.startswith("sheet") else f"({', '.join(mode.split()).replace('-', '−')})"
+    parts = [f"working mode {shown}"] if mode else []
     parts += [style.value(name, round(value, 4)) for name, value in cut.items()]
     return ", ".join(parts)
 

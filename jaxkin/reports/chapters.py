@@ -104,7 +104,7 @@ def aspects_chapter(robot: Mechanism, places: Places) -> Chapter:
         [
             aspect.name,
             int(aspect.sign),
-            " ".join(f"{sign:+d}" for sign in aspect.working_mode),
+            aspect.mode,
             float(aspect.volume),
             float(aspect.error),
             float(aspect.clearance),

@@ -29,7 +29,7 @@ def test_unknown_names_are_named():
         catalogue.create("quux")
     with pytest.raises(jk.InputError, match=r"no geometry 'c4'.*c2, c3, d3"):
         catalogue.create("rpr3-analytic", c4=1.0)
-    with pytest.raises(jk.InputError, match="'c3'.*is one number"):
+    with pytest.raises(jk.InputError, match=r"'c3'.*is one number"):
         catalogue.create("rpr3-analytic", c3=(1.0, 2.0))
     with pytest.raises(jk.GeometryError, match="c2=0"):
         catalogue.create("rpr3-analytic", c2=0.0)
