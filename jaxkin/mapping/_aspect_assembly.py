@@ -149,7 +149,9 @@ def volumes(sheet: Sheet, owners: Owners) -> tuple[np.ndarray, np.ndarray, np.nd
     volume = shares_of(sheet, owners.cells) * cell[:, None]
     shared += np.bincount(np.maximum(component, 0).ravel(), np.where(component >= 0, volume, 0).ravel(), n)[:n]
     orphan += float(np.sum(volume[component < 0]))
-    return proved, shared, cells, orphan, max(_share_error(sheet), _COARSE * float(np.sum(shared))) + orphan
+    bias = next(reversed(sheet.bias.values()), 0.0)
+    errors = (_share_error(sheet), _COARSE * float(np.sum(shared)), 2 * bias)
+    return proved, shared, cells, orphan, max(errors) + orphan
 
 
 def _share_error(sheet: Sheet) -> float:

@@ -25,6 +25,8 @@ from jaxkin.numerics.enclosure import Enclosure, UnsupportedOperation, enclosure
 BLOCK, _BOXES = 8192, 4096
 #: So many cells get bounds of their own for the sake of all their descendants; more only where these would need them.
 _FEW = 65536
+#: Cells of a level in which sub-points are compared with scattered ones.
+_COMPARED = 8192
 #: What of a wall's magnitude over the box counts as rounding.
 _ROUNDING = 1e-13
 
@@ -92,6 +94,7 @@ class Sheet:
         tested: Cells judged at each level.
         undecided: Undecided cells of each level.
         shared_places: The undecided cells that ``shares`` are of, as places in their level.
+        bias: By how much scattered sub-points change the volume of a level's shares.
         totals: ``(n_code,)`` volumes of all codes, proved and shared, by level as far as shares were computed.
         counts: Components, joined by lines, of the same levels.
         doubts: What could change the count.
@@ -118,6 +121,7 @@ class Sheet:
     tested: list[int] = field(default_factory=list)
     undecided: list[int] = field(default_factory=list)
     shared_places: dict[int, np.ndarray] = field(default_factory=dict)
+    bias: dict[int, float] = field(default_factory=dict)
     totals: list[np.ndarray] = field(default_factory=list)
     counts: list[int] = field(default_factory=list)
     doubts: list["Doubt"] = field(default_factory=list)
@@ -246,6 +250,10 @@ def share(sheet: Sheet, level: int) -> None:
             shares[undefined] = in_blocks(exact, index[undefined], block=BLOCK)
     sheet.shares[level] = shares
     sheet.shared_places[level] = places
+    stride = -(-max(len(index), 1) // _COMPARED)
+    again = in_blocks(partial(exact, scatter=True), index[::stride], block=BLOCK)
+    moved = np.nansum(again - shares[::stride], axis=0)
+    sheet.bias[level] = stride * sheet.box.volume(level) * float(np.max(np.abs(moved), initial=0.0))
 
 
 def total_volumes(sheet: Sheet) -> np.ndarray:

@@ -271,13 +271,15 @@ def judged_cells(
     return jax.vmap(lambda u, r: _judged(walls, data, u, 0.5 * width, r, tiny))(centres, remainder)
 
 
-@partial(jax.jit, static_argnames=("walls", "exact"))
-def shared_cells(walls: Walls, data: WallData, low: Array, width: Array, index: Array, exact: bool) -> Array:
+@partial(jax.jit, static_argnames=("walls", "exact", "scatter"))
+def shared_cells(
+    walls: Walls, data: WallData, low: Array, width: Array, index: Array, exact: bool, scatter: bool = False
+) -> Array:
     """Returns the share of each code in each cell at sub-points, ``(k, 2^n_singular)``; no more than 1 together.
 
     By linear forms about the centre, or exactly, which takes so many times as long as there are sub-points. A linear
-    form that is not finite gives NaN. Sub-points lie elsewhere in every cell: along a wall parallel to the cells their
-    errors would all be one.
+    form that is not finite gives NaN. Scattered sub-points lie elsewhere in every cell: along a wall parallel to the
+    cells the errors of the others are all one.
     """
     d = len(walls.free)
     count = _SUBPOINTS[d]
@@ -285,7 +287,8 @@ def shared_cells(walls: Walls, data: WallData, low: Array, width: Array, index: 
     points = jnp.asarray(np.stack(np.meshgrid(*[steps] * d, indexing="ij"), axis=-1).reshape(-1, d))
 
     def one(u: Array, place: Array) -> Array:
-        there = points + (2 / count) * (jnp.sum(_SCATTER[:d, :d] * place, axis=1) % 1.0 - 0.5)
+        move = (2 / count) * (jnp.sum(_SCATTER[:d, :d] * place, axis=1) % 1.0 - 0.5)
+        there = points + move if scatter else points
         if exact:
             values = jax.vmap(lambda v: walls.all(data, u + v))(there * (0.5 * width))
         else:

@@ -132,7 +132,9 @@ def _refuse_coarse(task: Task, sheets: list[Sheet]) -> None:
 
 
 def _aspects(task: Task, found: list[Piece], errors: list[float]) -> tuple[Aspect, ...]:
+    # Errors are where cells are shared; where none is, each piece has its part by volume.
     shared = [sum(piece.shared for piece in found if piece.sheet == k) for k in range(len(errors))]
+    whole = [sum(piece.volume for piece in found if piece.sheet == k) for k in range(len(errors))]
     result: list[Aspect] = []
     for k, piece in enumerate(found):
         mode = task.modes[piece.sheet]
@@ -142,7 +144,8 @@ def _aspects(task: Task, found: list[Piece], errors: list[float]) -> tuple[Aspec
             name = f"({', '.join('+' if s > 0 else '-' for s in mode)}) {name}"
         if len(same) > 1:
             name += f" #{same.index(k) + 1}"
-        part = piece.shared / shared[piece.sheet] if shared[piece.sheet] > 0 else 0.0
+        of, all_of = (piece.shared, shared) if shared[piece.sheet] > 0 else (piece.volume, whole)
+        part = of / all_of[piece.sheet] if all_of[piece.sheet] > 0 else 0.0
         result.append(
             Aspect(
                 name=name,

@@ -354,3 +354,24 @@ def test_results_print_and_write_themselves(analytic):
 def test_what_cannot_be_answered_is_refused(robot, grid, options, message):
     with pytest.raises(jk.InputError, match=f"jk.aspects.*{message}|{message}"):
         aspects(robot, grid, **options)
+
+
+@jk.mechanism
+class Stage(jk.Mechanism):
+    """Two crossed sliders: poses are joints, and limits are walls parallel to the cells."""
+
+    id = "stage"
+    pose_axes = (jk.Axis("x", "length"), jk.Axis("y", "length"))
+    joint_axes = (jk.Axis("q1", "length"), jk.Axis("q2", "length"))
+    limits: jk.Limits
+
+    def constraints(self, pose, joints):
+        return pose - joints
+
+
+@pytest.mark.parametrize("high", [1.0, 1.3])
+@pytest.mark.parametrize("grid", [None, jk.Grid(x=(-1.3, 1.4, 32), y=(-1.7, 1.7, 32))], ids=["own box", "coarse"])
+def test_the_error_sees_walls_parallel_to_the_cells(high, grid):
+    stage = Stage(limits=jk.Limits(np.full(2, -1.0), np.full(2, high)))  # type: ignore[arg-type]
+    (found,) = aspects(stage, grid)
+    assert abs(found.volume - (1 + high) ** 2) <= found.error
