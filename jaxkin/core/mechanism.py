@@ -1,6 +1,7 @@
 """A mechanism: geometry and limits as a pytree, and the constraint equations between pose and joints."""
 
 import dataclasses
+import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -218,7 +219,11 @@ class Mechanism:
     def geometry(self) -> dict[str, Any]:
         """Returns the leaves and the static fields by name as plain numbers and lists (concrete mechanisms only)."""
         leaves = jax.tree_util.tree_flatten_with_path(self)[0]
-        static = [field.name for field in dataclasses.fields(self) if field.metadata.get("static", False)]  # type: ignore[arg-type]
+        static = [
+            field.name
+            for field in dataclasses.fields(self)  # type: ignore[arg-type]
+            if field.metadata.get("static", False) and field.name != KIND
+        ]
         return {
             jax.tree_util.keystr(path, simple=True, separator="."): jnp.asarray(leaf).tolist() for path, leaf in leaves
         } | {name: getattr(self, name) for name in static}
@@ -312,6 +317,8 @@ def _is_real(leaf: Any) -> bool:
 
 
 Subclass = TypeVar("Subclass", bound=type[Mechanism])
+#: The static field by which the structure of a mechanism names its class.
+KIND = "_kind"
 
 
 @dataclass_transform(frozen_default=True)
@@ -337,6 +344,12 @@ def mechanism(cls: Subclass) -> Subclass:
         )
     if len(set(names)) != len(names):
         raise InputError(f"{cls.__name__} has axes {names}: every axis needs a name of its own.")
+    # Structures of two classes with like fields compare equal in JAX (0.10, 0.12), although their hashes differ: now and
+    # then a kernel that was compiled for one would serve the other. A static field, the class itself, tells them apart.
+    cls.__annotations__ = {**inspect.get_annotations(cls), KIND: type}
+    setattr(
+        cls, KIND, dataclasses.field(default=cls, kw_only=True, repr=False, compare=False, metadata={"static": True})
+    )
     return jax.tree_util.register_dataclass(dataclass(frozen=True)(cls))
 
 

@@ -194,7 +194,7 @@ def _axes(*free, **fixed):
         (_axes("rho2=0:4:40", "rho3=0:4:40", rho1=-1), ["rho1", "outside its limits"]),
         (_axes("rho2=0:4:40", "rho3=0:4:40", rho4=1), ["rho4", "rho1, rho2, rho3"]),
         (_axes("rho2=0:4:40", "rho3=0:4:40"), ["lacks", "rho1"]),
-        (_axes("rho2=0:4:40", "x=0:4:40", rho1=1), ["'x'", "rho1, rho2, rho3"]),
+        (_axes("rho2=0:4:40", "x=0:4:40", rho1=1), ["x", "rho1, rho2"]),
         (_axes("rho2=0:4:40", "rho3=0:4", rho1=1), ["rho3", "LOW:HIGH:N"]),
         (_axes("rho2=0:4:40", "rho3=0:4:40", rho1="one"), ["rho1", "one", "number"]),
         ([*SECTION, "--set", "d3=0"], ["d3=0", "zero"]),
