@@ -344,8 +344,8 @@ def mechanism(cls: Subclass) -> Subclass:
         )
     if len(set(names)) != len(names):
         raise InputError(f"{cls.__name__} has axes {names}: every axis needs a name of its own.")
-    # Structures of two classes with like fields compare equal in JAX (0.10, 0.12), although their hashes differ: now and
-    # then a kernel that was compiled for one would serve the other. A static field, the class itself, tells them apart.
+    # Structures of two classes with like fields compare equal in JAX (0.10, 0.12), although their hashes differ: now
+    # and then a kernel that was compiled for one would serve the other. A static field, the class, tells them apart.
     cls.__annotations__ = {**inspect.get_annotations(cls), KIND: type}
     setattr(
         cls, KIND, dataclasses.field(default=cls, kw_only=True, repr=False, compare=False, metadata={"static": True})
