@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.folder import check_folder, write_files
+from jaxkin.cli.folder import check_report_folder, write_files
 from jaxkin.cli.options import (
     fix_option,
     grid_of,
@@ -17,7 +17,7 @@ from jaxkin.cli.options import (
     set_option,
     start_jax,
 )
-from jaxkin.core.errors import InputError, StoreError
+from jaxkin.core.errors import InputError
 
 if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism
@@ -62,13 +62,7 @@ def analyse_command(
     It writes a report in Markdown with all figures and data. It takes some minutes, most of them to compile the
     first time.
     """
-    if out is None:
-        raise InputError("An analysis makes many files: give a folder with --out FOLDER.")
-    check_folder(out, _REPORT, force)
-    if (out / _REPORT).exists() and not force:
-        raise StoreError(
-            f"--out is {str(out)!r}, which holds a report already: choose another folder, or replace it with --force."
-        )
+    out = check_report_folder(out, _REPORT, "An analysis", force)
     start_jax()
     robot = robot_of(mechanism, changes, limits)
     from jaxkin.mechanisms.catalogue import CATALOGUE

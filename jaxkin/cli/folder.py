@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from jaxkin.core.errors import StoreError
+from jaxkin.core.errors import InputError, StoreError
 
 if TYPE_CHECKING:
     pass
@@ -37,6 +37,29 @@ def check_folder(out: Path, own: str, force: bool) -> None:
     parent = next(folder for folder in (out, *out.absolute().parents) if folder.exists())
     if not parent.is_dir() or not os.access(parent, os.W_OK):
         raise StoreError(f"--out is {str(out)!r}, but {str(parent)!r} cannot be written: choose another folder.")
+
+
+def check_report_folder(out: Path | None, report: str, what: str, force: bool) -> Path:
+    """Returns the folder of a command that makes many files, if it can be used.
+
+    Args:
+        out: The folder that --out names, or None.
+        report: Name of the file that is written last, and vouches for the others.
+        what: What makes many files, for the message.
+        force: True where files of the same names are replaced.
+
+    Raises:
+        InputError: There is no folder.
+        StoreError: The folder is refused, or holds a report already.
+    """
+    if out is None:
+        raise InputError(f"{what} makes many files: give a folder with --out FOLDER.")
+    check_folder(out, report, force)
+    if (out / report).exists() and not force:
+        raise StoreError(
+            f"--out is {str(out)!r}, which holds a report already: choose another folder, or replace it with --force."
+        )
+    return out
 
 
 def write_files(contents: dict[Path, bytes]) -> None:

@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from jaxkin.cli.folder import check_folder, write_files
+from jaxkin.cli.folder import check_report_folder, write_files
 from jaxkin.cli.options import json_option, robot_of, set_option, start_jax
-from jaxkin.core.errors import InputError, StoreError
 from jaxkin.papers.catalogue import PAPERS, find
 
 if TYPE_CHECKING:
@@ -42,13 +41,7 @@ def reproduce_command(paper: str | None, out: Path | None, force: bool, changes:
         _list(as_json)
         return 0
     entry = find(paper)
-    if out is None:
-        raise InputError("Reproducing a paper makes many files: give a folder with --out FOLDER.")
-    check_folder(out, _REPORT, force)
-    if (out / _REPORT).exists() and not force:
-        raise StoreError(
-            f"--out is {str(out)!r}, which holds a report already: choose another folder, or replace it with --force."
-        )
+    out = check_report_folder(out, _REPORT, "Reproducing a paper", force)
     start_jax()
     robot = robot_of(entry.mechanism, changes) if changes else None
     import matplotlib

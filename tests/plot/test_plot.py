@@ -12,14 +12,6 @@ ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 COUNTS = jk.Grid(rho1=(0.01, 4.0, 80), rho2=1.0, rho3=(0.01, 4.0, 90))
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 def test_count_map_has_a_colour_a_label_and_a_legend_entry_for_every_number():
     data = jk.sweep(ROBOT, "forward_count", COUNTS)
     ax = jk.plot.section(data)

@@ -15,14 +15,6 @@ ROBOT = five_bar.create(9.0, (8.0, 8.0), (5.0, 5.0))
 POSES = jk.Grid(x=(-4.5, 13.5, 32), y=(-12.5, 12.5, 32))
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def found() -> jk.Aspects:
     return jk.aspects(ROBOT, POSES)

@@ -15,14 +15,6 @@ SECTION = jk.Grid(rho1=(0.0, 4.0, 30), rho2=1.0, rho3=(0.0, 4.0, 30))
 SIGNS = {1: "#0072B2", -1: "#D55E00"}
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def curves() -> jk.CharacteristicCurves:
     return jk.characteristic_curves(ROBOT, SECTION)

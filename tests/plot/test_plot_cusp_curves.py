@@ -12,14 +12,6 @@ ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 BOX = jk.Grid(rho1=(0.1, 4.0, 6), rho2=(0.2, 4.0, 6), rho3=(0.1, 4.0, 6))
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def found() -> jk.CuspCurves:
     return jk.cusp_curves(ROBOT, BOX)

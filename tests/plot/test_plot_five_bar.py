@@ -13,14 +13,6 @@ ROBOT = five_bar.create(9.0, (8.0, 8.0), (5.0, 5.0))
 JOINTS = np.array([1.2, 1.9])
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def modes() -> jk.Branches:
     return jk.forward(ROBOT, JOINTS)

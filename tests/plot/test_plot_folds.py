@@ -53,14 +53,6 @@ def plain() -> jk.Fold:
     return made(lambda a, b: np.stack([2 + b**2, np.ones_like(a), 1 + a], axis=-1), lambda a, b: b, lambda a: 0 * a)
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 class Recorded(Poly3DCollection):
     """Keeps its polygons, and the colours before drawing sorts them."""
 

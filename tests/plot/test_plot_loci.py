@@ -16,14 +16,6 @@ TURN = np.linspace(0, 2 * np.pi, 200, endpoint=False)
 NONE = np.zeros((0, 3))
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 def joints(rho1, rho3) -> np.ndarray:
     return np.stack(np.broadcast_arrays(rho1, 1.0, rho3), axis=-1).astype(float)
 

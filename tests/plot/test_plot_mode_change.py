@@ -14,14 +14,6 @@ ROBOT = jk.mechanisms.rpr3.reference()
 JOINTS = np.array([14.98, 15.38, 12.0])
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 @pytest.fixture(scope="module")
 def found() -> jk.ModeChange:
     modes = jk.forward(ROBOT, JOINTS)

@@ -1,7 +1,6 @@
 import matplotlib
 
 matplotlib.use("Agg")
-import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
@@ -13,14 +12,6 @@ from jaxkin.plot import style
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 SECTION = jk.Grid(rho1=(0.0, 4.0, 30), rho2=1.0, rho3=(0.0, 4.0, 30))
-
-
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
 
 
 @pytest.fixture(scope="module")

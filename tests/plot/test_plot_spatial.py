@@ -28,14 +28,6 @@ POSE = np.array([0.1, 0.25, 0.4, 0.3, 0.25, -0.2])
 P1, P2 = np.array([100.0, 100.0, 100.0]), np.array([100.0, 100.0, -1280.0])
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 def named(bodies: tuple[Body, ...]) -> dict[str, Body]:
     found = {body.name: body for body in bodies}
     assert len(found) == len(bodies)

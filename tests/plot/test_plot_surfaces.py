@@ -23,14 +23,6 @@ def example() -> jk.SingularSurfaces:
     return jk.singular_surfaces(ROBOT, box(12))
 
 
-@pytest.fixture(autouse=True)
-def _close():
-    before = dict(plt.rcParams)
-    yield
-    assert dict(plt.rcParams) == before
-    plt.close("all")
-
-
 def collections(ax, kind) -> list:
     return [c for c in ax.collections if isinstance(c, kind)]
 
