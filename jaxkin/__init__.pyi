@@ -1,6 +1,7 @@
 from . import mechanisms as mechanisms
 from . import plot as plot
 from .core.branches import Branches as Branches
+from .core.errors import ClusterError as ClusterError
 from .core.errors import GeometryError as GeometryError
 from .core.errors import InputError as InputError
 from .core.errors import JaxkinError as JaxkinError
@@ -81,5 +82,6 @@ from .sweep import fields as fields
 from .sweep.engine import sweep as sweep
 from .sweep.fields import Field as Field
 from .sweep.grid import Grid as Grid
+from .sweep.stored import open_store as open_store
 
 __version__: str

@@ -23,6 +23,10 @@ class StoreError(JaxkinError, FileExistsError):
     """A store or output folder that holds something else, or cannot be used."""
 
 
+class ClusterError(JaxkinError, ConnectionError):
+    """A cluster without workers, with workers of other versions, or that was lost."""
+
+
 class SweepInterrupted(JaxkinError, KeyboardInterrupt):
     """A sweep stopped by the user.
 

@@ -4,6 +4,7 @@ import datetime
 import hashlib
 import json
 import math
+import os
 import platform
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -37,11 +38,16 @@ class Request:
 
     def difference(self, other: dict[str, Any]) -> str:
         """Names the first entry in which another request's content differs, with both values."""
-        mine, theirs = _flat(json.loads(self.text)), _flat(other)
-        for key in sorted(set(mine) | set(theirs)):
-            if mine.get(key) != theirs.get(key):
-                return f"{key} is {theirs.get(key)!r} there and {mine.get(key)!r} here"
-        return "nothing differs"
+        return difference(json.loads(self.text), other)
+
+
+def difference(here: dict[str, Any], there: dict[str, Any]) -> str:
+    """Names the first entry in which two nested records differ, with both values."""
+    mine, theirs = _flat(here), _flat(there)
+    for key in sorted(set(mine) | set(theirs)):
+        if mine.get(key) != theirs.get(key):
+            return f"{key} is {theirs.get(key)!r} there and {mine.get(key)!r} here"
+    return "nothing differs"
 
 
 def _flat(content: dict[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -70,6 +76,33 @@ def identity(robot: "Mechanism") -> dict[str, Any]:
         "geometry": jsonable(robot.geometry()),
         "algorithm": ALGORITHM_VERSION,
     }
+
+
+def environment() -> dict[str, Any]:
+    """Returns what besides the request decides about last digits: the compiler, and what it compiles for."""
+    import jax
+    import jaxlib
+
+    from jaxkin import __version__
+
+    return {
+        "jaxkin": __version__,
+        "jax": jax.__version__,
+        "jaxlib": jaxlib.__version__,
+        "platform": jax.devices()[0].platform,
+        "processor": _processor(),
+        "xla_flags": os.environ.get("XLA_FLAGS", ""),
+    }
+
+
+def _processor() -> str:
+    """Names the processor's vectors and fused multiplications, by which the same kernel may round otherwise."""
+    try:
+        with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
+            flags = set(file.read().split())
+    except OSError:
+        flags = set()
+    return " ".join([platform.machine(), *(flag for flag in ("avx", "avx2", "fma", "avx512f", "sve") if flag in flags)])
 
 
 def run_log(**entries: Any) -> dict[str, Any]:

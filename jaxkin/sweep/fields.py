@@ -61,6 +61,7 @@ class Field:
             every variable in order, one array per combination of its leading dimensions.
         block: Mechanism -> samples that one call should take, so that its temporaries stay in cache.
         unpack: Turns the flat tuple of arrays that a call returned into that of the variables.
+        single: True where float32 is enough to mean something, if the user asks for it.
         version: Raise it when the kernel changes its numbers.
     """
 
@@ -70,7 +71,12 @@ class Field:
     kernel: Callable[[Mechanism, Coordinates], tuple[Array, ...]]
     block: Callable[[Mechanism], int] = lambda robot: 1 << 14
     unpack: Callable[[tuple[np.ndarray, ...]], tuple[np.ndarray, ...]] = lambda arrays: arrays
+    single: bool = False
     version: str = "1"
+
+    def __reduce__(self) -> Any:
+        """Fields of jaxkin travel to other processes by their names."""
+        return (by_name, (self.name,)) if FIELDS.get(self.name) is self else super().__reduce__()
 
     def axes(self, robot: Mechanism) -> tuple[Axis, ...]:
         """Returns the mechanism's axes of this field's domain."""

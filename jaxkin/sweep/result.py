@@ -1,7 +1,6 @@
-"""Results as labelled data."""
+"""Labels of results: dimensions, coordinates and attributes."""
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -9,15 +8,9 @@ from jaxkin.core.provenance import Request
 from jaxkin.sweep.fields import Variable
 from jaxkin.sweep.grid import BoundGrid
 
-if TYPE_CHECKING:
-    import xarray
 
-
-def allocate(
-    variables: tuple[Variable, ...], grid: BoundGrid, shape: tuple[int, ...] | None = None
-) -> dict[str, np.ndarray]:
+def allocate(variables: tuple[Variable, ...], shape: tuple[int, ...]) -> dict[str, np.ndarray]:
     """Returns one uninitialised array per variable; filling it first would touch every page twice."""
-    shape = grid.shape if shape is None else shape
     return {v.name: np.empty((*v.lead, *shape), dtype=v.dtype) for v in variables}
 
 
@@ -64,21 +57,3 @@ def request_attrs(request: Request) -> dict[str, str]:
         "request": request.text,
         "request_hash": request.hash,
     }
-
-
-def dataset(
-    arrays: dict[str, np.ndarray],
-    variables: tuple[Variable, ...],
-    grid: BoundGrid,
-    request: Request,
-    log: dict[str, Any],
-    complete: bool,
-) -> "xarray.Dataset":
-    """Labels arrays in memory."""
-    import xarray
-
-    return xarray.Dataset(
-        {v.name: (variable_dims(v, grid), arrays[v.name], variable_attrs(v)) for v in variables},
-        coords={**axis_coordinates(grid), **labels(variables)},
-        attrs={**request_attrs(request), "complete": int(complete), "run_log": json.dumps(log)},
-    )

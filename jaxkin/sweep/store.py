@@ -1,216 +1,215 @@
-"""Zarr stores: written tile by tile, opened lazily, continued by the same request only."""
+"""Zarr stores: written tile by tile, continued by the same request only, trusted where checksums agree."""
 
+import contextlib
+import errno
 import json
 import os
-import re
 import shutil
 import threading
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import filelock
 import numpy as np
 import zarr
 
 from jaxkin.core.errors import StoreError
 from jaxkin.core.provenance import Request
 from jaxkin.sweep import result
-from jaxkin.sweep.fields import Variable
-from jaxkin.sweep.grid import BoundGrid
+from jaxkin.sweep.journal import Journal, checksum
+from jaxkin.sweep.manifest import (
+    JOURNAL,
+    LOCK,
+    RUN_LOG,
+    Manifest,
+    beside,
+    check_environment,
+    check_layout,
+    lay_out,
+    read_manifest,
+    tile_file,
+)
+from jaxkin.sweep.plan import Plan, extent
 
-if TYPE_CHECKING:
-    import xarray
+#: What Zarr leaves of a file that it did not finish.
+_TORN = "*.partial"
 
-#: Lines "<tile> done", each written after the tile's data; a torn last line does not match.
-_JOURNAL = "tiles.journal"
-_JOURNAL_LINE = re.compile(r"^(\d+) done\n", re.MULTILINE)
-_RUN_LOG = "run_log.jsonl"
+
+class TileWriter:
+    """Writes tiles into a store that exists; on any machine that sees the store's folder, and as many at once as like.
+
+    Args:
+        path: The store.
+        plan: Its plan.
+    """
+
+    def __init__(self, path: Path, plan: Plan):
+        self.path, self._plan = path, plan
+        self._arrays = {v.name: zarr.open_array(path / v.name, mode="r+") for v in plan.variables}
+
+    def write(self, number: int, arrays: dict[str, np.ndarray]) -> list[str]:
+        """Writes one tile; returns the checksum of each of its files.
+
+        Raises:
+            StoreError: It cannot be written; nothing of the tile counts then.
+        """
+        box, files = self._plan.box(number), self.files(number)
+        with storage_errors(self.path):
+            for (name, values), file in zip(arrays.items(), files, strict=True):
+                # What is there may be damaged, and Zarr would read it where a tile is cut off by the grid's edge.
+                file.unlink(missing_ok=True)
+                self._arrays[name][(..., *box)] = values
+            return [checksum(file) for file in files]
+
+    def files(self, number: int) -> list[Path]:
+        """Returns the file of a tile in each variable."""
+        place = np.unravel_index(number, self._plan.counts)
+        return [tile_file(self.path, v.name, len(v.lead), place) for v in self._plan.variables]
 
 
 class Store:
-    """One Zarr store; use ``Store.open``."""
+    """One store, and the right to write into it; use ``Store.open``, and ``close``."""
 
-    def __init__(self, path: Path, variables: tuple[Variable, ...]):
-        self.path = path
-        self._variables = variables
-        self._group = zarr.open_group(path, mode="r+")
-        self._lock = threading.Lock()
-        journal = self._beside(_JOURNAL)
-        if _text(journal)[-1:] not in ("", "\n"):  # A torn last line must not swallow the next one.
-            with open(journal, "a", encoding="ascii") as file:
-                file.write("\n")
+    def __init__(self, path: Path, plan: Plan, lock: filelock.BaseFileLock):
+        self.path, self._plan, self._lock = path, plan, lock
+        self.writer = TileWriter(path, plan)
+        self._journal = Journal(path / plan.field.name / JOURNAL, plan.tiles, self.writer.files)
+        self._journalling = threading.Lock()
+        with storage_errors(path):
+            for variable in plan.variables:
+                for torn in (path / variable.name).rglob(_TORN):
+                    torn.unlink(missing_ok=True)
+            #: Tiles that were journalled and whose data has changed or gone since.
+            self.damaged = self._journal.damaged()
+            # Rewritten in order: a torn last line must not swallow the next one.
+            self._journal.forget(self.damaged)
+        self.done = self._journal.done()
 
     @classmethod
-    def open(
-        cls,
-        path: Path,
-        request: Request,
-        variables: tuple[Variable, ...],
-        grid: BoundGrid,
-        tile: tuple[int, ...],
-        *,
-        overwrite: bool,
-    ) -> "Store":
+    def open(cls, path: Path, request: Request, plan: Plan, attrs: dict[str, Any], *, overwrite: bool) -> "Store":
         """Opens the store of a request, or makes it.
 
+        Args:
+            path: Its folder.
+            request: What determines the numbers.
+            plan: How they are cut.
+            attrs: Further attributes of the result.
+            overwrite: Replaces a jaxkin store, whatever request made it.
+
         Raises:
-            StoreError: The path holds something else, another request's store, or cannot be written.
+            StoreError: The path holds something else, another request's store, one that another process writes, one
+                begun by another version, or it cannot be written.
         """
         if path.exists() and not _is_empty_folder(path):
-            content = read_request(path)
+            manifest = read_manifest(path)
+            lock = _locked(path, manifest.field)
             if not overwrite:
-                if content != json.loads(request.text):
-                    raise StoreError(
-                        f"{path} was made by another request ({request.difference(content)}): choose another store, or "
-                        "replace it with overwrite=True (--force)."
-                    )
-                _verify(path, variables, grid, tile)
-                return cls(path, variables)
-            shutil.rmtree(path)
+                return cls._continued(path, request, plan, manifest, lock)
+            old = path.with_name(f".{path.name}.{os.getpid()}.old")
+            with storage_errors(path):
+                os.rename(path, old)
+                shutil.rmtree(old)
+            lock.release()
         # Made aside and renamed, so that a store that exists is whole.
         aside = path.with_name(f".{path.name}.{os.getpid()}.new")
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            _lay_out(aside, request, variables, grid, tile)
+            lay_out(aside, request, plan, attrs)
             os.replace(aside, path)
         except OSError as error:
             if (path / "zarr.json").exists():
                 remedy = "another process made it meanwhile; wait for it, then run the same request again"
             else:
-                remedy = "choose a folder that you may write"
+                remedy = "choose a folder that you may write, on a disk with space"
             raise StoreError(f"{path} cannot be written ({error.strerror or error}): {remedy}.") from error
         finally:
             shutil.rmtree(aside, ignore_errors=True)
-        return cls(path, variables)
+        return cls(path, plan, _locked(path, plan.field.name))
 
-    def done(self) -> set[int]:
-        """Returns the numbers of the tiles that were written whole."""
-        return _journalled(self.path, self._variables[0].name)
+    @classmethod
+    def _continued(
+        cls, path: Path, request: Request, plan: Plan, manifest: Manifest, lock: filelock.BaseFileLock
+    ) -> "Store":
+        try:
+            if manifest.request != json.loads(request.text):
+                raise StoreError(
+                    f"{path} was made by another request ({request.difference(manifest.request)}): choose another "
+                    "store, or replace it with overwrite=True (--force)."
+                )
+            check_layout(path, plan, manifest)
+            store = cls(path, plan, lock)
+            if not store.done.all():
+                check_environment(path, manifest)
+            return store
+        except BaseException:
+            lock.release()
+            raise
 
-    def write(self, number: int, box: tuple[slice, ...], arrays: dict[str, np.ndarray]) -> None:
-        """Writes one tile, then journals it."""
-        for name, values in arrays.items():
-            self._array(name)[(..., *box)] = values
-        with self._lock, open(self._beside(_JOURNAL), "a", encoding="ascii") as journal:
-            journal.write(f"{number} done\n")
-            journal.flush()
-            os.fsync(journal.fileno())
+    def room(self, number: int) -> dict[str, np.ndarray]:
+        """Returns where a tile is to be computed before it is written."""
+        return result.allocate(self._plan.variables, extent(self._plan.box(number)))
 
-    def _beside(self, name: str) -> Path:
-        # In the main array's folder, where Zarr does not look for members of the group.
-        return self.path / self._variables[0].name / name
+    def keep(self, number: int, arrays: dict[str, np.ndarray]) -> None:
+        """Writes one tile, and journals it."""
+        self.record(number, self.writer.write(number, arrays))
 
-    def _array(self, name: str) -> zarr.Array:
-        array = self._group[name]
-        assert isinstance(array, zarr.Array)
-        return array
+    def record(self, number: int, sums: list[str]) -> None:
+        """Journals a tile that was written, here or elsewhere.
 
-    def dataset(self, log: dict[str, Any] | None) -> "xarray.Dataset":
-        """Opens the result lazily; a log of this run, if any, is appended first."""
-        if log is not None:
-            with open(self._beside(_RUN_LOG), "a", encoding="utf-8") as file:
-                file.write(json.dumps(log) + "\n")
-        return open_store(self.path)
+        Raises:
+            StoreError: The journal cannot be written.
+        """
+        with self._journalling, storage_errors(self.path):
+            self._journal.add(number, sums)
+            self.done[number] = True
 
-
-def open_store(path: Path) -> "xarray.Dataset":
-    """Opens a store lazily, with all labels."""
-    import xarray
-
-    dataset = xarray.open_zarr(path, chunks=None, consolidated=False)
-    attrs = dataset.attrs
-    labels, tiles = json.loads(attrs.pop("labels")), attrs.pop("tiles")
-    complete = int(len(_journalled(path, attrs["field"])) == tiles)
-    last = (_text(path / attrs["field"] / _RUN_LOG).splitlines() or ["{}"])[-1]
-    axes = [name for name in dataset.data_vars if name not in json.loads(attrs["request"])["variables"]]
-    return dataset.set_coords(axes).assign_coords(labels).assign_attrs(complete=complete, run_log=last)
+    def close(self, log: dict[str, Any] | None) -> None:
+        """Puts the journal in order, appends a log of this run, if any, and lets others write."""
+        try:
+            if log is not None:
+                with storage_errors(self.path), open(beside(self.path, self._plan.field.name, RUN_LOG), "a") as file:
+                    self._journal.settle()
+                    file.write(json.dumps(log) + "\n")
+        finally:
+            self._lock.release()
 
 
-def read_request(path: Path) -> dict[str, Any]:
-    """Returns the content of the request that made a store.
-
-    Raises:
-        StoreError: There is no readable jaxkin store.
-    """
-    if not path.is_dir() or not (path / "zarr.json").exists():
-        raise StoreError(
-            f"{path} exists and is no jaxkin store: move it away or choose another path; jaxkin replaces only stores "
-            "of its own."
-        )
+@contextlib.contextmanager
+def storage_errors(path: Path) -> Iterator[None]:
+    """Turns what a disk has to say into one sentence with a remedy."""
     try:
-        return json.loads(json.loads((path / "zarr.json").read_text())["attributes"]["request"])
-    except (KeyError, TypeError, ValueError, OSError) as error:
+        yield
+    except OSError as error:
+        if isinstance(error, StoreError):
+            raise
+        full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
+        remedy = "free space" if full else "see to the disk or the folder's rights"
         raise StoreError(
-            f"{path} holds a Zarr group without a readable jaxkin request (cut short, or made by another program): "
-            "move it away or choose another path; --force replaces only what is surely jaxkin's."
+            f"{path} cannot be written ({error.strerror or error}): {remedy}, then run the same request again; the "
+            "tiles that are whole are kept."
         ) from error
 
 
-def _text(path: Path) -> str:
-    return path.read_text(errors="replace") if path.exists() else ""
-
-
-def _journalled(path: Path, field: str) -> set[int]:
-    """Returns the numbers of the tiles that the journal says were written, and whose data is there.
-
-    Zarr leaves out a chunk that holds nothing but the fill value; only of counts, which never are, a missing
-    chunk proves a loss.
-    """
-    numbers = {int(number) for number in _JOURNAL_LINE.findall(_text(path / field / _JOURNAL))}
-    array = zarr.open_array(path / field, mode="r")
-    if not np.issubdtype(array.dtype, np.integer):
-        return numbers
-    counts = [-(-n // c) for n, c in zip(array.shape, array.chunks, strict=True)]
-    inside = (number for number in numbers if number < np.prod(counts))
-    return {n for n in inside if path.joinpath(field, "c", *map(str, np.unravel_index(n, counts))).exists()}
-
-
-def _verify(path: Path, variables: tuple[Variable, ...], grid: BoundGrid, tile: tuple[int, ...]) -> None:
-    """Raises unless the store has every array as it was laid out, and its coordinates.
+def _locked(path: Path, field: str) -> filelock.BaseFileLock:
+    """Takes the store for this process; the system gives it back when the process dies, however it dies.
 
     Raises:
-        StoreError: It is damaged.
+        StoreError: Another process has it.
     """
+    (path / field).mkdir(exist_ok=True)
+    lock = filelock.FileLock(beside(path, field, LOCK), timeout=0)
     try:
-        group = zarr.open_group(path, mode="r")
-        for variable in variables:
-            array = group[variable.name]
-            expected = (*variable.lead, *grid.shape), (*variable.lead, *tile), np.dtype(variable.dtype)
-            if not isinstance(array, zarr.Array) or (array.shape, array.chunks, array.dtype) != expected:
-                raise ValueError(f"the array {variable.name!r} has another layout")
-        for name, (_, values, _) in result.axis_coordinates(grid).items():
-            if not np.array_equal(np.asarray(group[name][...]), values):  # type: ignore[index]
-                raise ValueError(f"the coordinates {name!r} are not those of the request")
-        if not {"tiles", "labels"} <= set(group.attrs):
-            raise ValueError("its attributes are incomplete")
-    except Exception as error:  # Whatever Zarr meets in damaged files: many types, one answer.
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
+        lock.acquire()
+    except filelock.Timeout:
         raise StoreError(
-            f"{path} is a damaged jaxkin store ({reason}): move it away, or replace it with overwrite=True (--force)."
-        ) from error
+            f"{path} is being written by another process: wait for it, then run the same request again, or choose "
+            "another store."
+        ) from None
+    except OSError as error:
+        raise StoreError(f"{path} cannot be written ({error.strerror}): choose a folder that you may write.") from error
+    return lock
 
 
 def _is_empty_folder(path: Path) -> bool:
     return path.is_dir() and not any(path.iterdir())
-
-
-def _lay_out(
-    path: Path, request: Request, variables: tuple[Variable, ...], grid: BoundGrid, tile: tuple[int, ...]
-) -> None:
-    """Writes metadata and coordinates of an empty store."""
-    tiles = int(np.prod([-(-n // t) for n, t in zip(grid.shape, tile, strict=True)]))
-    # Zarr 3 has no settled format for text, so labels travel as an attribute.
-    labels = json.dumps(result.labels(variables))
-    group = zarr.create_group(path, attributes={**result.request_attrs(request), "tiles": tiles, "labels": labels})
-    for variable in variables:
-        group.create_array(
-            variable.name,
-            shape=(*variable.lead, *grid.shape),
-            chunks=(*variable.lead, *tile),
-            dtype=variable.dtype,
-            fill_value=variable.missing,
-            dimension_names=result.variable_dims(variable, grid),
-            attributes=result.variable_attrs(variable),
-        )
-    for name, (dims, values, attrs) in result.axis_coordinates(grid).items():
-        array = group.create_array(name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=attrs)
-        array[...] = values

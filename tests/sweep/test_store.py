@@ -7,7 +7,7 @@ import pytest
 import xarray
 
 import jaxkin as jk
-from jaxkin.sweep import engine
+from jaxkin.sweep import engine, plan, tiler
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 GRID = jk.Grid(rho1=(0.01, 4.0, 61), rho2=1.0, rho3=(0.02, 4.0, 47))
@@ -17,9 +17,9 @@ OTHER = jk.Grid(rho1=(0.01, 4.0, 61), rho2=1.5, rho3=(0.02, 4.0, 47))
 @pytest.fixture(autouse=True)
 def _small_tiles(monkeypatch):
     """Makes blocks, and so tiles, of a few rows."""
-    monkeypatch.setattr(engine, "_TILE_SAMPLES", 200)
-    plan = engine._plan
-    monkeypatch.setattr(engine, "_plan", lambda robot, field, grid: plan(robot, small_blocks(field), grid))
+    monkeypatch.setattr(plan, "_TILE_SAMPLES", 200)
+    make = engine.make_plan
+    monkeypatch.setattr(engine, "make_plan", lambda robot, field, *more: make(robot, small_blocks(field), *more))
 
 
 def small_blocks(field):
@@ -60,9 +60,9 @@ def test_the_same_request_goes_on_where_it_stopped(tmp_path, monkeypatch):
     # As after a kill: some tiles done, the last line torn.
     journal.write_text("".join(lines[:3]) + "17")
     computed = []
-    original = engine._Tiler.compute
+    original = tiler.Tiler.compute
     monkeypatch.setattr(
-        engine._Tiler, "compute", lambda self, box, into: (computed.append(box), original(self, box, into))
+        tiler.Tiler, "compute", lambda self, box, into: (computed.append(box), original(self, box, into))
     )
     again = jk.sweep(ROBOT, "forward_count", GRID, store=store)
     assert len(computed) == len(lines) - 3

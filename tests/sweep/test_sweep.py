@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import jaxkin as jk
-from jaxkin.sweep import engine
+from jaxkin.sweep import plan
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 REFERENCE = jk.mechanisms.rpr3.reference()
@@ -94,7 +94,7 @@ def test_results_depend_on_neither_tiles_nor_workers(name, monkeypatch):
     grid = GRID if name.startswith("forward") else POSES
     field = jk.Field(**{**vars(jk.fields.by_name(name)), "block": lambda robot: 60})
     whole = jk.sweep(ROBOT, field, grid, workers=1)
-    monkeypatch.setattr(engine, "_TILE_SAMPLES", 60)
+    monkeypatch.setattr(plan, "_TILE_SAMPLES", 60)
     pieces = jk.sweep(ROBOT, field, grid, workers=3)
     # Another shape of block is another loop of the compiler, which may round the last digit otherwise.
     default = jk.sweep(ROBOT, name, grid)
@@ -104,7 +104,7 @@ def test_results_depend_on_neither_tiles_nor_workers(name, monkeypatch):
 
 
 def test_one_compilation_serves_all_chunks_and_the_next_sweep(monkeypatch, caplog):
-    monkeypatch.setattr(engine, "_TILE_SAMPLES", 64)
+    monkeypatch.setattr(plan, "_TILE_SAMPLES", 64)
     field = jk.fields.from_function(lambda robot, q: q[0] * robot.c2, name="my_product", domain="joints")
     field = jk.Field(**{**vars(field), "block": lambda robot: 32})
     # The configuration, not the context manager, which holds for this thread only.
@@ -187,7 +187,7 @@ def heeds_ctrl_c():
 @pytest.mark.skipif(not hasattr(os, "kill"), reason="needs POSIX signals")
 @pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_leaves_usable_data(monkeypatch, tmp_path):
-    monkeypatch.setattr(engine, "_TILE_SAMPLES", 64)
+    monkeypatch.setattr(plan, "_TILE_SAMPLES", 64)
     with pytest.raises(jk.SweepInterrupted) as caught:
         jk.sweep(ROBOT, _interrupting_field(6), GRID, workers=1)
     data = caught.value.dataset
