@@ -81,7 +81,14 @@ from .mapping.workspace import workspace_volume as workspace_volume
 from .sweep import fields as fields
 from .sweep.engine import sweep as sweep
 from .sweep.fields import Field as Field
+from .sweep.forecast import ClusterForecast as ClusterForecast
+from .sweep.forecast import Forecast as Forecast
+from .sweep.forecast import forecast as forecast
 from .sweep.grid import Grid as Grid
+from .sweep.inspection import StoreCheck as StoreCheck
+from .sweep.inspection import StoreInfo as StoreInfo
+from .sweep.inspection import describe_store as describe_store
+from .sweep.inspection import verify_store as verify_store
 from .sweep.stored import open_store as open_store
 
 __version__: str

@@ -11,6 +11,7 @@ from jaxkin.cli.path import path_command
 from jaxkin.cli.points import forward_command, inverse_command
 from jaxkin.cli.reproduce import reproduce_command
 from jaxkin.cli.sections import cusps_command, loci_command
+from jaxkin.cli.stores import info_command, verify_command
 from jaxkin.cli.topology import aspects_command, regions_command
 
 
@@ -47,6 +48,8 @@ def _written(value: float | tuple[float, ...]) -> str:
 cli.add_command(inverse_command)
 cli.add_command(forward_command)
 cli.add_command(map_command)
+cli.add_command(info_command)
+cli.add_command(verify_command)
 cli.add_command(loci_command)
 cli.add_command(cusps_command)
 cli.add_command(aspects_command)

@@ -1,5 +1,6 @@
 """``jaxkin map``: a field over a grid, as a picture, as labelled data and as numbers."""
 
+import contextlib
 import json
 import math
 from pathlib import Path
@@ -19,15 +20,23 @@ from jaxkin.cli.options import (
     set_option,
     start_jax,
 )
-from jaxkin.core.errors import InputError, StoreError
+from jaxkin.core.errors import ClusterError, InputError, StoreError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy as np
     import xarray
 
     from jaxkin.core.mechanism import Mechanism
+    from jaxkin.sweep.fields import Field
+    from jaxkin.sweep.grid import Grid
 
 _DATA, _NUMBERS = "map.zarr", "map.json"
 _PICTURES = ("map.png", "map.pdf")
+#: Samples that are summed up at once where the data says nothing better.
+_PIECE = 1 << 24
+_SECONDS_TO_CONNECT = 10
 
 
 @click.command("map")
@@ -36,8 +45,13 @@ _PICTURES = ("map.png", "map.pdf")
 @fix_option
 @grid_option
 @click.option("--out", type=Path, help="Folder for the picture, the data (Zarr) and the numbers (JSON).")
+@click.option("--store", type=Path, help="Where the data (Zarr) goes; by default map.zarr in the folder of --out.")
+@click.option("--resume", is_flag=True, help="Insist that there is something to go on with.")
 @click.option("--force", is_flag=True, help="Replace what is there and start anew.")
 @click.option("--workers", type=click.IntRange(min=1), help="Threads; all cores by default.")
+@click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of a dask scheduler, tcp://HOST:PORT.")
+@click.option("--float32", is_flag=True, help="Compute and store in float32, and say how far off that is.")
+@click.option("--dry-run", is_flag=True, help="Say what it would take: samples, memory, bytes and time.")
 @set_option
 @limit_option
 @json_option
@@ -47,8 +61,13 @@ def map_command(
     fixes: tuple[str, ...],
     grids: tuple[str, ...],
     out: Path | None,
+    store: Path | None,
+    resume: bool,
     force: bool,
     workers: int | None,
+    scheduler: str | None,
+    float32: bool,
+    dry_run: bool,
     changes: tuple[str, ...],
     limits: tuple[str, ...],
     as_json: bool,
@@ -58,25 +77,78 @@ def map_command(
     \b
     jaxkin map rpr3-analytic --fix rho2=1 --grid rho1=0:4:2000 --grid rho3=0:4:2000 --out map
 
-    The same command again goes on where it stopped, and overwrites nothing.
+    The same command again goes on where it stopped, and overwrites nothing. 'jaxkin info' and 'jaxkin verify' tell what
+    a store holds.
     """
-    if out is not None:
-        check_folder(out, _DATA, force)
+    if out is not None and not dry_run:
+        # With the data elsewhere, any file of an earlier run tells that the folder is the command's own.
+        own = [_DATA] if store is None else [name for name in (_NUMBERS, *_PICTURES) if (out / name).exists()]
+        check_folder(out, (own or [_NUMBERS])[0], force)
+    where = store or (None if out is None else out / _DATA)
+    _check_resume(resume, where, force)
     start_jax()
     from jaxkin.sweep.engine import sweep
     from jaxkin.sweep.fields import by_name
 
     robot = robot_of(mechanism, changes, limits)
     chosen, grid = by_name(field), grid_of(fixes, grids)
-    store = None if out is None else out / _DATA
-    dataset = sweep(robot, chosen, grid, store=store, overwrite=force, workers=workers)
-    numbers = _numbers(robot, dataset)
+    options: dict[str, Any] = {"precision": "float32" if float32 else "float64"}
+    if dry_run:
+        _foretell(robot, chosen, grid, {**options, "store": where is not None, "workers": workers}, as_json)
+        return
+    with _cluster(scheduler) as executor:
+        dataset = sweep(
+            robot, chosen, grid, store=where, overwrite=force, workers=workers, executor=executor, **options
+        )
+    numbers = _numbers(dataset)
+    if where is not None:
+        numbers["files"] = {"data": str(where)}
     if out is not None:
-        numbers["files"] = _write(dataset, numbers, out, force)
+        numbers["files"] |= _write(dataset, numbers, out, force)
     click.echo(json.dumps(numbers, indent=2) if as_json else _summary(robot, numbers))
 
 
-def _numbers(robot: "Mechanism", dataset: "xarray.Dataset") -> dict[str, Any]:
+def _check_resume(resume: bool, where: Path | None, force: bool) -> None:
+    """Refuses to resume what is not there, or what --force would replace."""
+    if resume and force:
+        raise InputError("--resume goes on with what is there and --force replaces it: leave one of the two out.")
+    if resume and (where is None or not (where / "zarr.json").exists()):
+        place = "no --store and no --out is given" if where is None else f"there is no store {str(where)!r}"
+        raise InputError(f"--resume has nothing to go on with, as {place}: leave it out to start anew.")
+
+
+def _foretell(robot: "Mechanism", field: "Field", grid: "Grid", options: dict[str, Any], as_json: bool) -> None:
+    from dataclasses import asdict
+
+    from jaxkin.sweep.forecast import forecast
+
+    found = forecast(robot, field, grid, **options)
+    click.echo(json.dumps({**asdict(found), "seconds": found.seconds}, indent=2) if as_json else str(found))
+
+
+@contextlib.contextmanager
+def _cluster(address: str | None) -> "Iterator[Any]":
+    """Connects to a scheduler, and lets go of it."""
+    if address is None:
+        yield None
+        return
+    try:
+        import distributed
+    except ImportError:
+        raise ClusterError("--scheduler needs dask.distributed: pip install 'jaxkin[scale]'.") from None
+    try:
+        client = distributed.Client(address, timeout=_SECONDS_TO_CONNECT)
+    except (OSError, ValueError) as error:
+        reason = " ".join(str(error).split())
+        raise ClusterError(
+            f"--scheduler is {address!r}, where no scheduler answers ({reason}): start one with 'dask scheduler', and "
+            "give the address that it prints."
+        ) from error
+    with client:
+        yield client
+
+
+def _numbers(dataset: "xarray.Dataset") -> dict[str, Any]:
     request = json.loads(dataset.attrs["request"])
     name = dataset.attrs["field"]
     main = dataset[name]
@@ -106,10 +178,9 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
 
     main = dataset[name]
     if name == "forward_count":
-        counts, undecided = np.zeros(256, np.int64), 0
-        for slab in _slabs(main.shape):
-            counts += np.bincount(np.asarray(main[slab]).ravel().view(np.uint8), minlength=256)
-            undecided += int(np.asarray(dataset[f"{name}_nearly_double"][slab]).sum())
+        counts, undecided = _histogram(main), 0
+        for piece in _pieces(main):
+            undecided += int(np.asarray(dataset[f"{name}_nearly_double"][piece]).sum())
         found = {str(n): int(counts[n]) for n in np.flatnonzero(counts)}
         fractions = {n: count / samples for n, count in found.items()}
         return {"fractions": fractions, "counts": found, "nearly_double": undecided}
@@ -117,11 +188,15 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
         return _shares(main, samples)
     if any(dim not in json.loads(dataset.attrs["request"])["grid"] for dim in main.dims):
         return {}  # Branches and limits mix quantities; one range over them would mean nothing.
-    values = np.asarray(main)
-    defined = values[~np.isnan(values)]
-    statistics: dict[str, Any] = {"defined": defined.size / values.size}
-    if defined.size:
-        statistics |= {"min": float(defined.min()), "mean": float(defined.mean()), "max": float(defined.max())}
+    low, high, total, number = np.inf, -np.inf, 0.0, 0
+    for piece in _pieces(main):
+        values = np.asarray(main[piece], float)
+        defined = values[~np.isnan(values)]
+        low, high = defined.min(initial=low), defined.max(initial=high)
+        total, number = total + float(defined.sum()), number + defined.size
+    statistics: dict[str, Any] = {"defined": number / main.size}
+    if number:
+        statistics |= {"min": float(low), "mean": total / number, "max": float(high)}
     return statistics
 
 
@@ -129,24 +204,44 @@ def _shares(main: "xarray.DataArray", samples: int) -> dict[str, Any]:
     """Returns the share of every category that occurs, by name."""
     import numpy as np
 
-    counts = np.zeros(256, np.int64)
-    for slab in _slabs(main.shape):
-        counts += np.bincount(np.asarray(main[slab]).ravel().view(np.uint8), minlength=256)
+    counts = _histogram(main)
     values, names = np.atleast_1d(main.attrs["flag_values"]), main.attrs["flag_meanings"].split()
     shares = {name: int(counts[value]) / samples for value, name in zip(values, names, strict=True) if counts[value]}
     return {"shares": dict(sorted(shares.items(), key=lambda entry: -entry[1])), "none": int(counts[255]) / samples}
 
 
-def _slabs(shape: tuple[int, ...]) -> list[slice]:
-    """Cuts the first axis so that a slab has some million samples."""
-    rows = max(1, (1 << 24) // max(1, math.prod(shape[1:])))
-    return [slice(start, start + rows) for start in range(0, shape[0], rows)]
+def _histogram(main: "xarray.DataArray") -> "np.ndarray":
+    """Counts every value of a byte."""
+    import numpy as np
+
+    counts = np.zeros(256, np.int64)
+    for piece in _pieces(main):
+        values = np.asarray(main[piece]).view(np.uint8)
+        left = values.size
+        # Few values occur, mostly the first: comparing bytes is faster than np.bincount, which widens them.
+        for value in (*range(8), 255, *range(8, 255)):
+            if not left:
+                break
+            found = np.count_nonzero(values == value)
+            counts[value] += found
+            left -= found
+    return counts
+
+
+def _pieces(main: "xarray.DataArray") -> "Iterator[tuple[slice, ...]]":
+    """Cuts an array along the tiles of its store, or into rows of some million samples."""
+    from jaxkin.sweep.plan import boxes
+
+    rows = max(1, _PIECE // max(1, math.prod(main.shape[1:])))
+    step = main.encoding.get("shards") or (rows, *main.shape[1:])
+    return boxes(main.shape, tuple(step), (0,) * main.ndim)
 
 
 def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force: bool) -> dict[str, str]:
     """Writes the files that are missing or of another request (all, with --force); tells where each is."""
+    out.mkdir(parents=True, exist_ok=True)
     force = force or _request_of(out / _NUMBERS) != numbers["request_hash"]
-    files = {"data": str(out / _DATA), "numbers": str(out / _NUMBERS)}
+    files = {"numbers": str(out / _NUMBERS)}
     missing = [out / name for name in _PICTURES if force or not (out / name).exists()]
     if missing:
         try:
@@ -155,7 +250,7 @@ def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force:
             click.echo(f"jaxkin: no picture: {error}", err=True)
     files |= {path.suffix[1:]: str(path) for path in map(out.joinpath, _PICTURES) if path.exists()}
     if force or not (out / _NUMBERS).exists():
-        text = json.dumps({**numbers, "files": files}, indent=2) + "\n"
+        text = json.dumps({**numbers, "files": numbers["files"] | files}, indent=2) + "\n"
         write_files({out / _NUMBERS: text.encode()})
     return files
 

@@ -1,4 +1,4 @@
-"""Tiles on many machines: futures of ``dask.distributed``; workers write what they compute, this process journals it."""
+"""Tiles on many machines: futures of ``dask.distributed``; workers write what they compute, the client journals."""
 
 import concurrent.futures
 import contextlib

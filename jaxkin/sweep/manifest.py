@@ -99,7 +99,7 @@ def lay_out(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> 
             chunks=(*variable.lead, *plan.chunk),
             shards=(*variable.lead, *plan.tile),
             dtype=variable.dtype,
-            compressors=_compressors(np.dtype(variable.dtype)),
+            compressors=compressors(np.dtype(variable.dtype)),
             fill_value=variable.missing,
             dimension_names=result.variable_dims(variable, plan.grid),
             attributes=result.variable_attrs(variable),
@@ -111,7 +111,7 @@ def lay_out(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> 
         array[...] = values
 
 
-def _compressors(dtype: np.dtype) -> list[Any]:
+def compressors(dtype: np.dtype) -> list[Any]:
     """Returns the codecs of a variable, by measurement, and a checksum of every chunk for whoever reads it."""
     from zarr.codecs import BloscCodec, BloscShuffle, Crc32cCodec, ZstdCodec
 

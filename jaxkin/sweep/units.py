@@ -1,0 +1,18 @@
+"""Bytes and seconds as a person says them."""
+
+
+def bytes_text(count: float) -> str:
+    """Returns bytes with three digits and a unit."""
+    for unit in ("B", "kB", "MB", "GB", "TB"):
+        if count < 999.5:
+            return f"{count:.3g} {unit}"
+        count /= 1000
+    return f"{count:.3g} PB"
+
+
+def time_text(seconds: float) -> str:
+    """Returns a time with three digits and a unit."""
+    for limit, unit, name in ((120, 1, "s"), (7200, 60, "minutes"), (172800, 3600, "hours")):
+        if seconds < limit:
+            return f"{seconds / unit:.3g} {name}"
+    return f"{seconds / 86400:.3g} days"
