@@ -169,6 +169,8 @@ def _numbers(dataset: "xarray.Dataset") -> dict[str, Any]:
         raise StoreError(
             f"The data of {name!r} cannot be read ({error}): it is damaged; replace it with --force."
         ) from error
+    if "float32_error" in dataset.attrs:
+        numbers["float32_error"] = json.loads(dataset.attrs["float32_error"])
     return {**numbers, "request_hash": dataset.attrs["request_hash"], "run_log": json.loads(dataset.attrs["run_log"])}
 
 
@@ -284,5 +286,14 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
             f"  defined on {numbers['defined']:.2%}"
             + "".join(f", {key} {numbers[key]:.6g}" for key in ("min", "mean", "max") if key in numbers)
         )
+    again = numbers["run_log"].get("recomputed_tiles", [])
+    if again:
+        lines.append(f"  tiles found damaged and computed again: {len(again)}")
+    for name, error in numbers.get("float32_error", {}).items():
+        if isinstance(error, dict):
+            lines.append(
+                f"  float32, {name}: off by at most {error['largest_absolute']:.2g} ({error['largest_relative']:.2g} of "
+                "the largest)"
+            )
     lines += [f"  {kind}: {path}" for kind, path in numbers.get("files", {}).items()]
     return "\n".join(lines)

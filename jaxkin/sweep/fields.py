@@ -255,6 +255,7 @@ inverse_branches = Field(
     ),
     kernel=_branches_kernel(inverse_lanes),
     unpack=_unpack_branches,
+    single=True,
 )
 
 
@@ -273,7 +274,7 @@ def _per_working_mode(
             out.append(jnp.where(lane.multiplicity > 0, value, jnp.nan))
         return tuple(out)
 
-    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12)
+    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12, single=True)
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
@@ -383,11 +384,11 @@ def _binding_kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
 
 
 #: Which limit (or interference) is nearest or most violated at the inverse solution, -1 where none is, and by how much.
-binding_limit = Field("binding_limit", "pose", _binding_variables, _binding_kernel)
+binding_limit = Field("binding_limit", "pose", _binding_variables, _binding_kernel, single=True)
 
 
 #: Signed distance to every joint limit (and interference) at the inverse solution.
-limit_margins = Field("limit_margins", "pose", _margin_variables, _margin_kernel)
+limit_margins = Field("limit_margins", "pose", _margin_variables, _margin_kernel, single=True)
 
 
 def from_function(
@@ -426,6 +427,7 @@ def from_function(
             _each_sample(lambda vector: jnp.asarray(function(robot, vector), float), coordinates),
         ),
         block=lambda robot: 1 << 12,
+        single=True,
         version=hashlib.sha256(text.encode()).hexdigest()[:16],
     )
 

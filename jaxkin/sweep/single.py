@@ -20,8 +20,9 @@ _SAMPLES = 4096
 def single_error(robot: Mechanism, plan: Plan) -> dict[str, str]:
     """Returns the attribute ``float32_error``: what is lost at samples spread over the grid.
 
-    Per variable, ``largest_absolute`` and ``median_absolute`` error, ``largest_relative`` to the largest magnitude of
-    its entry, and ``changed``: the share of samples at which a label differs, or only one of the two is defined.
+    Per variable, ``changed``: the share of samples at which a label differs, or only one of two numbers is defined;
+    and of numbers ``largest_absolute``, ``median_absolute`` and, relative to the largest magnitude of an entry,
+    ``largest_relative``.
     """
     places = np.random.default_rng(0).random((len(plan.grid.free), _SAMPLES))
     coordinates, free = [], iter(places)
@@ -32,7 +33,8 @@ def single_error(robot: Mechanism, plan: Plan) -> dict[str, str]:
     both = [_values(robot, plan.field, coordinates, precision) for precision in ("float64", "float32")]
     errors: dict[str, Any] = {"samples": _SAMPLES}
     for variable, one, other in zip(plan.variables, *map(partial(_by_variable, plan), both), strict=True):
-        errors[variable.name] = _error(one, other)
+        labels = np.dtype(variable.dtype).kind != "f"
+        errors[variable.name] = {"changed": _changed(one, other, labels)} | ({} if labels else _error(one, other))
     return {"float32_error": json.dumps(errors)}
 
 
@@ -64,5 +66,9 @@ def _error(exact: np.ndarray, single: np.ndarray) -> dict[str, float]:
         "largest_absolute": float(gap.max()),
         "median_absolute": float(np.median(gap[defined])) if defined.any() else 0.0,
         "largest_relative": float(relative.max()),
-        "changed": float(np.mean(np.any(np.isfinite(exact) != np.isfinite(single), axis=0))),
     }
+
+
+def _changed(exact: np.ndarray, single: np.ndarray, labels: bool) -> float:
+    differs = exact != single if labels else np.isfinite(exact) != np.isfinite(single)
+    return float(np.mean(np.any(differs, axis=0)))

@@ -155,16 +155,20 @@ def test_pictures_and_numbers_never_belong_to_another_request(run, tmp_path):
     assert (other / "map.png").read_bytes() != old[out / "map.png"]
 
 
-def test_a_damaged_chunk_is_one_sentence(run, tmp_path):
+def test_a_damaged_chunk_is_found_and_computed_again(run, tmp_path):
     out = tmp_path / "map"
     run(*MAP, "--out", out)
     chunk = out / "map.zarr" / "forward_count" / "c" / "0" / "0"
-    chunk.write_bytes(chunk.read_bytes()[:20])
-    code, _, err = run(*MAP, "--out", out)
-    assert code == 2
-    assert "damaged" in err
-    assert "Traceback" not in err
-    assert run(*MAP, "--out", out, "--force")[0] == 0
+    whole = chunk.read_bytes()
+    chunk.write_bytes(whole[:20])
+    code, printed, _ = run("verify", out)
+    assert code == 1
+    assert "1 of 1 tiles are damaged (0)" in printed
+    code, printed, _ = run(*MAP, "--out", out)
+    assert code == 0
+    assert "computed again: 1" in printed
+    assert chunk.read_bytes() == whole
+    assert run("verify", out)[0] == 0
 
 
 def test_tables_that_mean_something_else_are_told(run, tmp_path):
