@@ -170,12 +170,11 @@ def _run(
     finish = functools.partial(_finish, keeper, bool(len(todo)), started, entries)
     try:
         if len(todo):
-            before = plan.grid.size - sum(map(plan.samples, todo.tolist()))
-            with Progress(plan.grid.size, plan.field.name, before, show) as bar:
+            with Progress(plan.grid.size, plan.field.name, plan.samples_of(keeper.done), show) as bar:
                 for number in _tiles_done(robot, plan, request, keeper, todo, workers, executor):
                     bar.add(plan.samples(number))
     except KeyboardInterrupt:
-        done = sum(map(plan.samples, np.flatnonzero(keeper.done).tolist()))
+        done = plan.samples_of(keeper.done)
         kept = f"; the finished tiles are in {keeper.path}, the same request goes on there" if keeper.path else ""
         raise SweepInterrupted(f"Stopped after {done} of {plan.grid.size} samples{kept}.", finish(), done) from None
     except BaseException:

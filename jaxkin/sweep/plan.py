@@ -70,13 +70,24 @@ class Plan:
 
     def box(self, number: int) -> Box:
         """Returns the samples of a tile, row by row."""
-        place = np.unravel_index(number, self.counts)
-        sides = zip(place, self.tile, self.grid.shape, strict=True)
-        return tuple(slice(int(k) * t, min((int(k) + 1) * t, n)) for k, t, n in sides)
+        sides = []
+        for length, side in zip(reversed(self.grid.shape), reversed(self.tile), strict=True):
+            number, place = divmod(number, math.ceil(length / side))
+            sides.append(slice(place * side, min((place + 1) * side, length)))
+        return tuple(reversed(sides))
 
     def samples(self, number: int) -> int:
         """Returns how many samples a tile has."""
         return math.prod(extent(self.box(number)))
+
+    def samples_of(self, which: np.ndarray) -> int:
+        """Returns how many samples the tiles have that are marked in ``(tiles,)``."""
+        sizes = np.ones(1, np.int64)
+        for length, side, count in zip(self.grid.shape, self.tile, self.counts, strict=True):
+            along = np.full(count, side)
+            along[-1] = length - (count - 1) * side
+            sizes = np.multiply.outer(sizes, along).ravel()
+        return int(sizes[which].sum())
 
     def layout(self) -> dict[str, Any]:
         """Returns what of the plan a store has to remember."""
