@@ -26,17 +26,27 @@ def run_in_threads(work: Callable[[int], None], numbers: Iterable[int], workers:
         return number
 
     queue = iter(numbers)
-    with concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="jaxkin-sweep") as pool:
+    pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="jaxkin-sweep")
+    try:
         # Few wait, so that a list of millions of tiles costs nothing.
         under_way = {pool.submit(unless_stopped, number) for number in itertools.islice(queue, 2 * workers)}
+        while under_way:
+            # A wait with a timeout lets Ctrl-C through.
+            done, under_way = concurrent.futures.wait(under_way, 0.2, concurrent.futures.FIRST_COMPLETED)
+            for future in done:
+                number = future.result()
+                under_way |= {pool.submit(unless_stopped, more) for more in itertools.islice(queue, 1)}
+                if number is not None:
+                    yield number
+    finally:
+        stop.set()
+        _wait_for_all(pool)
+
+
+def _wait_for_all(pool: concurrent.futures.Executor) -> None:
+    """Waits for what is under way, through a second Ctrl-C too: a store must not be let go while it is written."""
+    while True:
         try:
-            while under_way:
-                # A wait with a timeout lets Ctrl-C through.
-                done, under_way = concurrent.futures.wait(under_way, 0.2, concurrent.futures.FIRST_COMPLETED)
-                for future in done:
-                    number = future.result()
-                    under_way |= {pool.submit(unless_stopped, more) for more in itertools.islice(queue, 1)}
-                    if number is not None:
-                        yield number
-        finally:
-            stop.set()
+            return pool.shutdown()
+        except KeyboardInterrupt:
+            continue
