@@ -27,9 +27,9 @@ def run_in_threads(work: Callable[[int], None], numbers: Iterable[int], workers:
 
     queue = iter(numbers)
     pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="jaxkin-sweep")
+    # Few wait, so that a list of millions of tiles costs nothing.
+    under_way = {pool.submit(unless_stopped, number) for number in itertools.islice(queue, 2 * workers)}
     try:
-        # Few wait, so that a list of millions of tiles costs nothing.
-        under_way = {pool.submit(unless_stopped, number) for number in itertools.islice(queue, 2 * workers)}
         while under_way:
             # A wait with a timeout lets Ctrl-C through.
             done, under_way = concurrent.futures.wait(under_way, 0.2, concurrent.futures.FIRST_COMPLETED)
@@ -40,13 +40,15 @@ def run_in_threads(work: Callable[[int], None], numbers: Iterable[int], workers:
                     yield number
     finally:
         stop.set()
-        _wait_for_all(pool)
+        _wait_for_all(under_way)
+        pool.shutdown()
 
 
-def _wait_for_all(pool: concurrent.futures.Executor) -> None:
+def _wait_for_all(futures: set[concurrent.futures.Future]) -> None:
     """Waits for what is under way, through a second Ctrl-C too: a store must not be let go while it is written."""
-    while True:
+    # Not by joining threads, which Python 3.11 takes for dead after a Ctrl-C (https://bugs.python.org/issue45274).
+    while futures:
         try:
-            return pool.shutdown()
+            futures = concurrent.futures.wait(futures, 0.2).not_done
         except KeyboardInterrupt:
             continue
