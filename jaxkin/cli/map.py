@@ -290,10 +290,10 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
     if again:
         lines.append(f"  tiles found damaged and computed again: {len(again)}")
     for name, error in numbers.get("float32_error", {}).items():
-        if isinstance(error, dict):
+        if isinstance(error, dict) and "largest_absolute" in error:
             lines.append(
-                f"  float32, {name}: off by at most {error['largest_absolute']:.2g} ({error['largest_relative']:.2g} of "
-                "the largest)"
+                f"  float32, {name}: off by at most {error['largest_absolute']:.2g}, {error['largest_relative']:.2g} of "
+                "the largest"
             )
     lines += [f"  {kind}: {path}" for kind, path in numbers.get("files", {}).items()]
     return "\n".join(lines)

@@ -20,7 +20,13 @@ class PrecisionError(JaxkinError, RuntimeError):
 
 
 class StoreError(JaxkinError, FileExistsError):
-    """A store or output folder that holds something else, or cannot be used."""
+    """A store or output folder that holds something else, or cannot be used.
+
+    Attributes:
+        may_pass: True where the same may succeed a moment later, as on a network disk that did not answer.
+    """
+
+    may_pass: bool = False
 
 
 class ClusterError(JaxkinError, ConnectionError):

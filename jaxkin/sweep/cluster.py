@@ -1,4 +1,4 @@
-"""Tiles on many machines: futures of ``dask.distributed``; workers write what they compute, the client journals."""
+"""Tiles on many machines: futures of ``dask.distributed``; workers write their tiles, this process journals them."""
 
 import concurrent.futures
 import contextlib
@@ -6,8 +6,9 @@ import functools
 import itertools
 import pickle
 import queue
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from jaxkin.core.errors import ClusterError, InputError
+from jaxkin.core.errors import ClusterError, InputError, StoreError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.precision import enable_x64
 from jaxkin.core.provenance import Request, difference, environment
@@ -26,8 +27,10 @@ from jaxkin.sweep.plan import Plan, extent
 from jaxkin.sweep.store import Store, TileWriter
 from jaxkin.sweep.tiler import Tiler
 
-#: How often a tile is tried again where a worker dies under it or fails.
+#: How often a tile is tried again that failed by what may pass; the scheduler itself sends those of dead workers on.
 _RETRIES = 3
+#: What may pass: a network disk that does not answer, a machine short of memory.
+_MAY_PASS = (OSError, MemoryError, jax.errors.JaxRuntimeError)
 #: Tiles that wait at the scheduler for each thread of the cluster, so that none is idle while results travel.
 _AHEAD = 3
 #: Seconds between two looks at how many threads the cluster has.
@@ -65,7 +68,7 @@ def run_on_cluster(
         ClusterError: There are no workers, they have other versions, or the scheduler is lost.
         StoreError: A worker cannot write.
     """
-    for need in ("submit", "scheduler_info", "wait_for_workers"):
+    for need in ("submit", "nthreads", "wait_for_workers"):
         if not hasattr(client, need):
             raise InputError(
                 f"executor is {type(client).__name__}: it must be a dask.distributed.Client (pip install "
@@ -84,29 +87,45 @@ def _tiles(
     recipe = cloudpickle.dumps(Recipe(robot, plan, request.hash, environment(), store))
     name = f"jaxkin-{plan.field.name}-{time.time_ns()}"
     under_way: dict[Any, int] = {}
+    failures: dict[int, int] = {}
     finished: queue.Queue[Any] = queue.Queue()
     left, looked = iter(numbers), time.monotonic()
 
-    def send(count: int) -> None:
-        for number in itertools.islice(left, count):
-            future = client.submit(_compute_tile, recipe, number, key=f"{name}-{number}", pure=False, retries=_RETRIES)
+    def send(some: Iterable[int]) -> None:
+        for number in some:
+            # A key that was used before would bring back what it brought then.
+            key = f"{name}-{number}-{failures.get(number, 0)}"
+            # Not dask's own retries: they know no failure that will never pass.
+            future = client.submit(_compute_tile, recipe, number, key=key, pure=False, retries=0)
             under_way[future] = number
             future.add_done_callback(finished.put)
 
     try:
-        send(_room(client))
+        send(itertools.islice(left, _room(client)))
         while under_way:
             future = _next(finished, client)
             number = under_way.pop(future)
-            _keep(future, number, keeper)
+            try:
+                _keep(future, number, keeper)
+            except _MAY_PASS as error:
+                failures[number] = failures.get(number, 0) + 1
+                if failures[number] > _RETRIES or not _may_pass(error):
+                    raise
+                send([number])
+                continue
             wanted = 1
             if time.monotonic() - looked > _LOOK:  # Workers come and go.
                 wanted, looked = max(0, _room(client) - len(under_way)), time.monotonic()
-            send(wanted)
+            send(itertools.islice(left, wanted))
             yield number
     finally:
         if under_way and client.status == "running":
             client.cancel(list(under_way), force=True)
+
+
+def _may_pass(error: BaseException) -> bool:
+    """Tells whether a failure is worth another try: not a lost scheduler, a wrong worker, or a disk that is full."""
+    return error.may_pass if isinstance(error, StoreError) else not isinstance(error, ClusterError)
 
 
 def _wait_for_worker(client: Any) -> None:
@@ -121,8 +140,7 @@ def _wait_for_worker(client: Any) -> None:
 
 def _room(client: Any) -> int:
     """Returns how many tiles may be under way."""
-    threads = sum(worker["nthreads"] for worker in client.scheduler_info(n_workers=-1)["workers"].values())
-    return max(4, _AHEAD * threads)
+    return max(4, _AHEAD * sum(client.nthreads().values()))
 
 
 def _next(finished: "queue.Queue[Any]", client: Any) -> Any:
@@ -178,13 +196,21 @@ def _compute_tile(recipe: bytes, number: int) -> list[str] | dict[str, np.ndarra
     return writer.write(number, arrays)
 
 
-@functools.lru_cache(maxsize=4)
 def _prepared(recipe: bytes) -> tuple[Recipe, Tiler, TileWriter | None]:
-    """Reads a recipe once a process, so that its kernel is compiled once.
+    """Returns what a recipe says, read once a process, so that its kernel is compiled once.
 
     Raises:
         ClusterError: This worker would round otherwise, or does not see the store.
     """
+    with _preparing:  # The first tiles come at the same moment, one for each thread.
+        return _read(recipe)
+
+
+_preparing = threading.Lock()
+
+
+@functools.lru_cache(maxsize=4)
+def _read(recipe: bytes) -> tuple[Recipe, Tiler, TileWriter | None]:
     enable_x64()
     known: Recipe = _unpickled(recipe)
     here = environment()

@@ -77,7 +77,7 @@ def sweep(
     attrs = single_error(robot, plan) if precision == "float32" else {}
     if store is None:
         return _run(robot, plan, request, Memory(plan, request, attrs), workers, executor, progress)
-    keeper = Store.open(Path(store), request, plan, attrs, overwrite=overwrite)
+    keeper = Store.open(Path(store), request, plan, attrs, overwrite=overwrite, show=progress)
     return _run(robot, plan, request, keeper, workers, executor, progress)
 
 

@@ -158,4 +158,4 @@ def verify_store(path: str | Path) -> StoreCheck:
         journal = journal_of(path, manifest)
     except Exception as error:
         raise damaged_store(path, error) from error
-    return StoreCheck(str(path), manifest.tiles, len(journal), journal.damaged(cores()))
+    return StoreCheck(str(path), manifest.tiles, len(journal), journal.damaged(workers=cores()))

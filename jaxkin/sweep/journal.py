@@ -1,6 +1,5 @@
 """The journal of a store: which tiles are whole, and the checksum of each of their files."""
 
-import concurrent.futures
 import hashlib
 import os
 import re
@@ -9,8 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from jaxkin.sweep.threads import run_in_threads
+
 #: "<tile> <checksum of its file in each variable> ...": a torn last line does not match.
-_LINE = re.compile(r"^(\d+)((?: (?:[0-9a-f]{32}|-))+)\n", re.MULTILINE)
+_LINE = re.compile(r"^(\d{1,9})((?: (?:[0-9a-f]{32}|-))+)\n", re.MULTILINE)
 
 
 #: Zarr writes no file where there is nothing but the fill value.
@@ -53,15 +54,22 @@ class Journal:
         """Number of tiles that the journal says are whole."""
         return len(self._known)
 
-    def damaged(self, workers: int = 2) -> list[int]:
-        """Reads the files of every journalled tile, and returns those whose data is not what was written."""
-        numbers = sorted(self._known)
+    def damaged(self, checked: Callable[[int], None] = lambda number: None, workers: int = 2) -> list[int]:
+        """Reads the files of every journalled tile, and returns those whose data is not what was written.
 
-        def wrong(number: int) -> bool:
-            return [checksum(path) for path in self._files(number)] != self._known[number].split()
+        Args:
+            checked: Is called with every tile that was read.
+            workers: How many files are read at once.
+        """
+        wrong: list[int] = []
 
-        with concurrent.futures.ThreadPoolExecutor(workers) as pool:
-            return [number for number, bad in zip(numbers, pool.map(wrong, numbers), strict=True) if bad]
+        def check(number: int) -> None:
+            if [checksum(path) for path in self._files(number)] != self._known[number].split():
+                wrong.append(number)
+
+        for number in run_in_threads(check, sorted(self._known), workers):
+            checked(number)
+        return sorted(wrong)
 
     def done(self) -> np.ndarray:
         """Returns for every tile whether it is whole, ``(tiles,)``."""

@@ -14,7 +14,7 @@ from jaxkin.sweep import result
 from jaxkin.sweep.plan import Plan
 
 #: Files beside the main array's chunks.
-JOURNAL, RUN_LOG, LOCK = "tiles.journal", "run_log.jsonl", "lock"
+JOURNAL, RUN_LOG = "tiles.journal", "run_log.jsonl"
 
 
 @dataclass(frozen=True)
@@ -128,6 +128,19 @@ def damaged_store(path: Path, error: Exception) -> StoreError:
     return StoreError(
         f"{path} is a damaged jaxkin store ({reason}): move it away, or replace it with overwrite=True (--force)."
     )
+
+
+def check_request(path: Path, request: Request, manifest: Manifest) -> None:
+    """Raises unless the store is of this request.
+
+    Raises:
+        StoreError: It is another's.
+    """
+    if manifest.request != json.loads(request.text):
+        raise StoreError(
+            f"{path} was made by another request ({request.difference(manifest.request)}): choose another store, or "
+            "replace it with overwrite=True (--force)."
+        )
 
 
 def check_layout(path: Path, plan: Plan, manifest: Manifest) -> None:

@@ -20,20 +20,25 @@ from jaxkin.sweep import result
 from jaxkin.sweep.journal import Journal, checksum
 from jaxkin.sweep.manifest import (
     JOURNAL,
-    LOCK,
     RUN_LOG,
     Manifest,
     beside,
     check_environment,
     check_layout,
+    check_request,
     lay_out,
     read_manifest,
     tile_file,
 )
 from jaxkin.sweep.plan import Plan, extent
+from jaxkin.sweep.progress import Progress
 
 #: What Zarr leaves of a file that it did not finish.
-_TORN = "*.partial"
+_TORN = f"*.{'[0-9a-f]' * 32}.partial"
+
+
+#: How often a lock is tried that others let go of at the same moment.
+_TRIES = 5
 
 
 class TileWriter:
@@ -71,23 +76,28 @@ class TileWriter:
 class Store:
     """One store, and the right to write into it; use ``Store.open``, and ``close``."""
 
-    def __init__(self, path: Path, plan: Plan, lock: filelock.BaseFileLock):
+    def __init__(self, path: Path, plan: Plan, lock: filelock.BaseFileLock, show: bool | None = None):
         self.path, self._plan, self._lock = path, plan, lock
         self.writer = TileWriter(path, plan)
-        self._journal = Journal(path / plan.field.name / JOURNAL, plan.tiles, self.writer.files)
         self._journalling = threading.Lock()
-        with storage_errors(path):
-            for variable in plan.variables:
-                for torn in (path / variable.name).rglob(_TORN):
-                    torn.unlink(missing_ok=True)
+        with storage_errors(path), Progress(plan.grid.size, "checking what is there", show=show) as bar:
+            self._journal = Journal(path / plan.field.name / JOURNAL, plan.tiles, self.writer.files)
             #: Tiles that were journalled and whose data has changed or gone since.
-            self.damaged = self._journal.damaged()
-            # Rewritten in order: a torn last line must not swallow the next one.
-            self._journal.forget(self.damaged)
+            self.damaged = self._journal.damaged(lambda number: bar.add(plan.samples(number)))
         self.done = self._journal.done()
+        self.done[self.damaged] = False
 
     @classmethod
-    def open(cls, path: Path, request: Request, plan: Plan, attrs: dict[str, Any], *, overwrite: bool) -> "Store":
+    def open(
+        cls,
+        path: Path,
+        request: Request,
+        plan: Plan,
+        attrs: dict[str, Any],
+        *,
+        overwrite: bool,
+        show: bool | None = None,
+    ) -> "Store":
         """Opens the store of a request, or makes it.
 
         Args:
@@ -96,55 +106,43 @@ class Store:
             plan: How they are cut.
             attrs: Further attributes of the result.
             overwrite: Replaces a jaxkin store, whatever request made it.
+            show: Whether a progress bar shows how much of what is there was checked; as in ``Progress``.
 
         Raises:
             StoreError: The path holds something else, another request's store, one that another process writes, one
                 begun by another version, or it cannot be written.
         """
-        if path.exists() and not _is_empty_folder(path):
-            manifest = read_manifest(path)
-            lock = _locked(path, manifest.field)
-            if not overwrite:
-                return cls._continued(path, request, plan, manifest, lock)
-            old = path.with_name(f".{path.name}.{os.getpid()}.old")
-            with storage_errors(path):
-                os.rename(path, old)
-                shutil.rmtree(old)
-            lock.release()
-        # Made aside and renamed, so that a store that exists is whole.
-        aside = path.with_name(f".{path.name}.{os.getpid()}.new")
+        # The folder itself is moved where it is replaced, not a link to it.
+        path = path.resolve() if path.is_symlink() else path
+        _check_ours(path)
+        lock = _locked(path)
         try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            lay_out(aside, request, plan, attrs)
-            os.replace(aside, path)
-        except OSError as error:
-            if (path / "zarr.json").exists():
-                remedy = "another process made it meanwhile; wait for it, then run the same request again"
-            else:
-                remedy = "choose a folder that you may write, on a disk with space"
-            raise StoreError(f"{path} cannot be written ({error.strerror or error}): {remedy}.") from error
-        finally:
-            shutil.rmtree(aside, ignore_errors=True)
-        return cls(path, plan, _locked(path, plan.field.name))
-
-    @classmethod
-    def _continued(
-        cls, path: Path, request: Request, plan: Plan, manifest: Manifest, lock: filelock.BaseFileLock
-    ) -> "Store":
-        try:
-            if manifest.request != json.loads(request.text):
-                raise StoreError(
-                    f"{path} was made by another request ({request.difference(manifest.request)}): choose another "
-                    "store, or replace it with overwrite=True (--force)."
-                )
-            check_layout(path, plan, manifest)
-            store = cls(path, plan, lock)
+            _mend_swap(path)
+            # Only now, since another process may have replaced it until the lock was ours.
+            there = _check_ours(path)
+            if there is None or overwrite:
+                _make(path, request, plan, attrs)
+                return cls(path, plan, lock)
+            check_request(path, request, there)
+            check_layout(path, plan, there)
+            store = cls(path, plan, lock, show)
             if not store.done.all():
-                check_environment(path, manifest)
+                check_environment(path, there)
+            # Nothing was changed until here, where the store is surely this request's.
+            store._tidy()
             return store
         except BaseException:
-            lock.release()
+            _let_go(lock)
             raise
+
+    def _tidy(self) -> None:
+        """Removes what an earlier process left, and takes damaged tiles out of the journal."""
+        with storage_errors(self.path):
+            for variable in self._plan.variables:
+                for torn in (self.path / variable.name).rglob(_TORN):
+                    torn.unlink(missing_ok=True)
+            # Rewritten in order: a torn last line must not swallow the next one.
+            self._journal.forget(self.damaged)
 
     def room(self, number: int) -> dict[str, np.ndarray]:
         """Returns where a tile is to be computed before it is written."""
@@ -168,11 +166,12 @@ class Store:
         """Puts the journal in order, appends a log of this run, if any, and lets others write."""
         try:
             if log is not None:
-                with storage_errors(self.path), open(beside(self.path, self._plan.field.name, RUN_LOG), "a") as file:
+                with self._journalling, storage_errors(self.path):
                     self._journal.settle()
-                    file.write(json.dumps(log) + "\n")
+                    with open(beside(self.path, self._plan.field.name, RUN_LOG), "a") as file:
+                        file.write(json.dumps(log) + "\n")
         finally:
-            self._lock.release()
+            _let_go(self._lock)
 
 
 @contextlib.contextmanager
@@ -185,30 +184,103 @@ def storage_errors(path: Path) -> Iterator[None]:
             raise
         full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
         remedy = "free space" if full else "see to the disk or the folder's rights"
-        raise StoreError(
+        told = StoreError(
             f"{path} cannot be written ({error.strerror or error}): {remedy}, then run the same request again; the "
             "tiles that are whole are kept."
+        )
+        told.may_pass = not full
+        raise told from error
+
+
+def _check_ours(path: Path) -> Manifest | None:
+    """Returns what the store at a path says of itself, None where nothing is in the way of a new one.
+
+    Raises:
+        StoreError: Something else is there.
+    """
+    return read_manifest(path) if os.path.lexists(path) and not _is_empty_folder(path) else None
+
+
+def _make(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> None:
+    """Puts an empty store where there is none, or in the place of another.
+
+    Raises:
+        StoreError: It cannot be written; what was there is there still.
+    """
+    new, old = _aside(path, "new"), _aside(path, "old")
+    try:
+        lay_out(new, request, plan, attrs)
+        # A kill between the two moves leaves the old one aside, from where ``_mend_swap`` takes it back.
+        if path.exists():
+            os.rename(path, old)
+        os.rename(new, path)
+    except OSError as error:
+        raise StoreError(
+            f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk with "
+            "space."
         ) from error
+    finally:
+        _mend_swap(path)
 
 
-def _locked(path: Path, field: str) -> filelock.BaseFileLock:
-    """Takes the store for this process; the system gives it back when the process dies, however it dies.
+def _mend_swap(path: Path) -> None:
+    """Ends what ``_make`` began, here or in a process that was killed: a store is laid out whole, or never was.
+
+    Only whoever has the lock makes folders of these names, so that whatever is found is a dead process's.
+    """
+    new, old = _aside(path, "new"), _aside(path, "old")
+    if old.exists() and not path.exists():
+        with contextlib.suppress(OSError):
+            os.rename(old, path)
+    for folder in (new, old):
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def _aside(path: Path, what: str) -> Path:
+    """Returns the place beside a store of what helps to make it."""
+    return path.with_name(f".{path.name}.jaxkin-{what}")
+
+
+def _locked(path: Path) -> filelock.BaseFileLock:
+    """Takes the place of a store for this process; the system gives it back when the process dies, however it dies.
+
+    The file lies beside the store, so that a store can be made and replaced under it.
 
     Raises:
         StoreError: Another process has it.
     """
-    (path / field).mkdir(exist_ok=True)
-    lock = filelock.FileLock(beside(path, field, LOCK), timeout=0)
-    try:
-        lock.acquire()
-    except filelock.Timeout:
-        raise StoreError(
-            f"{path} is being written by another process: wait for it, then run the same request again, or choose "
-            "another store."
-        ) from None
-    except OSError as error:
-        raise StoreError(f"{path} cannot be written ({error.strerror}): choose a folder that you may write.") from error
-    return lock
+    file = _aside(path, "lock")
+    for _ in range(_TRIES):
+        lock = filelock.FileLock(file, timeout=0)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file.touch()
+            before = file.stat()
+            lock.acquire()
+            if os.path.samestat(before, file.stat()):
+                return lock
+            # Whoever had it removed the file when this process had it open already: this lock keeps nobody out.
+            lock.release()
+        except filelock.Timeout:
+            break
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            raise StoreError(
+                f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk "
+                "with space."
+            ) from error
+    raise StoreError(
+        f"{path} is being written by another process: wait for it, then run the same request again, or choose another "
+        "store."
+    )
+
+
+def _let_go(lock: filelock.BaseFileLock) -> None:
+    """Gives a place back, and removes the file while nobody else can have it."""
+    with contextlib.suppress(OSError):  # Windows removes no open file; it stays, and does no harm.
+        os.unlink(lock.lock_file)
+    lock.release()
 
 
 def _is_empty_folder(path: Path) -> bool:
