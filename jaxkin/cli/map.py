@@ -291,9 +291,7 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
         lines.append(f"  tiles found damaged and computed again: {len(again)}")
     for name, error in numbers.get("float32_error", {}).items():
         if isinstance(error, dict) and "largest_absolute" in error:
-            lines.append(
-                f"  float32, {name}: off by at most {error['largest_absolute']:.2g}, {error['largest_relative']:.2g} of "
-                "the largest"
-            )
+            largest, share = error["largest_absolute"], error["largest_relative"]
+            lines.append(f"  float32, {name}: off by at most {largest:.2g}, {share:.2g} of the largest")
     lines += [f"  {kind}: {path}" for kind, path in numbers.get("files", {}).items()]
     return "\n".join(lines)

@@ -80,15 +80,16 @@ def identity(robot: "Mechanism") -> dict[str, Any]:
 
 def environment() -> dict[str, Any]:
     """Returns what besides the request decides about last digits: the compiler, and what it compiles for."""
+    import importlib.metadata
+
     import jax
-    import jaxlib
 
     from jaxkin import __version__
 
     return {
         "jaxkin": __version__,
         "jax": jax.__version__,
-        "jaxlib": jaxlib.__version__,
+        "jaxlib": importlib.metadata.version("jaxlib"),
         "platform": jax.devices()[0].platform,
         "processor": _processor(),
         "xla_flags": os.environ.get("XLA_FLAGS", ""),
