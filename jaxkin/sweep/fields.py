@@ -225,6 +225,7 @@ forward_branches = Field(
     kernel=_stacked_kernel(forward_lanes),
     unpack=_unpack_stacked,
     block=lambda robot: robot.forward_block,
+    version="2",
 )
 
 
