@@ -53,17 +53,20 @@ def forward(geometry: Geometry, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
     rho1, rho2, rho3 = joints
     a, b = (rho1 - rho2) * (rho1 + rho2), (rho1 - rho3) * (rho1 + rho3)
     roots = cubics.real_roots(characteristic_cubic(geometry, a, b), TOLERANCES.double_angle, TOLERANCES.triple_angle)
-    found = [_pair(geometry, rho1, a, b, u, _sharpness(u, roots)) for u in roots.quarters]
-    doubt = jnp.where(roots.doubtful | found[0].close | found[1].close | found[2].close, 1.0, 0.0)
-    keys = [jnp.where(pair.square >= 0, u, quarter.NO_ANGLE) for u, pair in zip(roots.quarters, found, strict=True)]
+    excess = [_excess(geometry, rho1, a, b, u, _sharpness(u, roots)) for u in roots.quarters]
+    doubt = roots.doubtful
+    for share in excess:
+        # A p^2 that is not zero, but within ten times its rounding of it.
+        doubt = doubt | (jnp.abs(share) > 1) & (jnp.abs(share) <= 10)
+    keys = [jnp.where(share >= -1, u, quarter.NO_ANGLE) for u, share in zip(roots.quarters, excess, strict=True)]
     low, high = jnp.minimum(keys[0], keys[1]), jnp.maximum(keys[0], keys[1])
     middle, last = jnp.minimum(high, keys[2]), jnp.maximum(high, keys[2])
-    *ordered, doubt = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last, doubt)
+    *ordered, doubt = materialise(jnp.minimum(low, middle), jnp.maximum(low, middle), last, jnp.where(doubt, 1.0, 0.0))
     lanes: list[Lane] = []
     for u in ordered:
         times = jnp.where(u == roots.repeated, roots.times, jnp.int8(1))
-        pair = _pair(geometry, rho1, a, b, u, _sharpness(u, roots))
-        lanes += _lanes(geometry, joints, pair, u, times, doubt > 0)
+        share = jnp.where(u == roots.quarters[0], excess[0], jnp.where(u == roots.quarters[1], *excess[1:]))
+        lanes += _lanes(geometry, joints, _pair(geometry, rho1, a, b, u, jnp.abs(share) <= 1), u, times, doubt > 0)
     return tuple(lanes)
 
 
@@ -75,40 +78,48 @@ def _sharpness(u: Array, roots: cubics.CubicRoots) -> Array:
     return jnp.minimum(weight, 1.0)
 
 
-class _Pair(NamedTuple):
-    """The poses (+p, -p) of one root: sine and cosine of phi / 2, the length h, and p^2 (NaN: no root).
+def _excess(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpness: Array) -> Array:
+    """Returns p^2 of a root as a multiple of what rounding makes of a zero; minus infinity where there is no root.
 
-    ``close`` marks a p^2 that is not zero but within ten times its rounding of it.
+    With h = top / bottom from both lines in least squares, as in ``_pair`` but in u itself, so that one division does.
     """
+    c2, c3, d3 = geometry
+    s, c, w = 2 * u, (1 - u) * (1 + u), 1 + u * u
+    k, g = c2 * s, c3 * s - d3 * c
+    top = k * (4 * k * k + a * w * w) + g * (4 * g * g + b * w * w)
+    bottom = 4 * (k * k + g * g) * w
+    # h is known to rounding times the geometry's size, so p^2 is known to this:
+    slack = TOLERANCES.double_length**2
+    length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
+    blur = slack * (rho1 * rho1 + jnp.abs(rho1) * length + slack * length * length)
+    square = (rho1 * bottom - top) * (rho1 * bottom + top)
+    return jnp.where(u < 1, square * sharpness / (blur * bottom * bottom), -jnp.inf)
+
+
+class _Pair(NamedTuple):
+    """The poses (+p, -p) of one root: sine and cosine of phi / 2, the length h, and p^2 (NaN: no root)."""
 
     s: Array
     c: Array
     h: Array
     square: Array
-    close: Array
 
 
-def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, sharpness: Array) -> _Pair:
-    """Solves both lines for h in least squares, and the circle for p^2; 0 within its rounding."""
+def _pair(geometry: Geometry, rho1: Array, a: Array, b: Array, u: Array, double: Array) -> _Pair:
+    """Solves both lines for h in least squares, and the circle for p^2, which is zero where the pose is double."""
     c2, c3, d3 = geometry
     s, c = quarter.half_angle(u)
     g, k = c3 * s - d3 * c, c2 * s
     h = -(k * (4 * k * k + a) + g * (4 * g * g + b)) / (4 * (k * k + g * g))
-    square = (rho1 - h) * (rho1 + h)
-    # h is known to rounding times the geometry's size, so p^2 is known to this:
-    slack = TOLERANCES.double_length**2
-    length = jnp.sqrt(c2 * c2 + c3 * c3 + d3 * d3)
-    blur = slack * (rho1 * rho1 + jnp.abs(rho1) * length + slack * length * length)
-    weighted = jnp.abs(square) * sharpness
-    square = jnp.where(weighted <= blur, 0.0, square)
-    return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan), (u < 1) & (weighted > blur) & (weighted <= 10 * blur))
+    square = jnp.where(double, 0.0, (rho1 - h) * (rho1 + h))
+    return _Pair(s, c, h, jnp.where(u < 1, square, jnp.nan))
 
 
 def _lanes(
     geometry: Geometry, joints: tuple[Array, ...], pair: _Pair, u: Array, times: Array, doubtful: Array
 ) -> tuple[Lane, Lane]:
     """Turns one root into the lanes of +p and -p; they hold NaN exactly where p^2 is negative or NaN."""
-    s, c, h, square, _ = pair
+    s, c, h, square = pair
     plain = jnp.where(doubtful, jnp.int8(Status.UNDECIDED), jnp.int8(Status.OK))
     empty = jnp.where(doubtful, jnp.int8(Status.UNDECIDED), jnp.int8(Status.NO_REAL_SOLUTION))
     p = jnp.sqrt(square)
@@ -135,7 +146,7 @@ def _residual(geometry: Geometry, joints: tuple[Array, ...], pair: _Pair) -> Arr
     """Returns the largest dimensionless residual of the three constraints; the same for +p and -p."""
     c2, c3, d3 = geometry
     rho1, rho2, rho3 = joints
-    s, c, h, square, _ = pair
+    s, c, h, square = pair
     g, k = c3 * s - d3 * c, c2 * s
     size = c2 * c2 + c3 * c3 + d3 * d3
     first = jnp.where(square == 0, jnp.abs((rho1 - h) * (rho1 + h)), 0.0) / (rho1 * rho1 + size)

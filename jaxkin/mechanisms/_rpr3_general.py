@@ -32,7 +32,7 @@ Points = tuple[tuple[Array, Array], tuple[Array, Array], tuple[Array, Array]]
 
 _LANES = 6
 #: How many careful samples are solved together.
-_CAREFUL_BLOCK = 8
+_CAREFUL_BLOCK = 32
 #: A regular pose next to a double one: the last Newton step and the determinant's share of its terms that rounding
 #: leaves.
 _STILL = 2e-8
@@ -251,7 +251,7 @@ def _fast(robot: _Robot, rho: Array) -> tuple[_Solved, Array]:
     # Neighbours in one place; over the seam at phi = pi the critical value alone tells.
     apart = sum(jnp.abs(value[1:] - value[:-1]) for value in state)
     twin = real[1:] & (apart < 1e-6)
-    suspicious = jnp.any(bad, axis=0) | jnp.any(twin, axis=0) | roots.doubtful
+    suspicious = sextic.any_row(bad) | sextic.any_row(twin) | roots.doubtful
     one, none = jnp.int8(1), jnp.int8(0)
     solved = _Solved(
         state.x,

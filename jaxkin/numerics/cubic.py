@@ -78,34 +78,38 @@ def _rough_cbrt(x: Array) -> Array:
 
 
 def _isolated_root(p: Array, q: Array) -> Array:
-    """Returns the root of y^3 + p y + q farthest from the other two, by Halley's iteration.
+    """Returns the root of y^3 + p y + q farthest from the other two, by two steps of Halley's and one of Newton's.
 
     It has the sign of -q; with Q = |q| it is the only positive root of Y^3 + p Y - Q if p > 0, and the
-    largest one (in [sqrt 3, 2] m, m^2 = -p/3, where there are three) if p < 0. The starts are within 30 %.
+    largest one (in [sqrt 3, 2] m, m^2 = -p/3, where there are three) if p < 0. The start is within 12 %, then the
+    relative error is under 3e-4, 1e-11, and rounding.
     """
     big = jnp.abs(q)
     k = _rough_cbrt(big)
-    m = jnp.sqrt(jnp.maximum(-p, 0.0) / 3)
+    square = jnp.maximum(-p, 0.0) / 3
+    m = jnp.sqrt(square)
+    shallow = big <= 2 * square * m
+    # A division takes as long as a dozen multiplications: one for the three cases. For p > 0 the fraction
+    # has the right limits and fits between.
+    above, kk = jnp.maximum(p, 0.0), k * k
+    base = jnp.where(p > 0, 0.0, jnp.where(shallow, m * 3**0.5, k))
+    numerator = jnp.where(p > 0, big * (kk + 0.25 * above), jnp.where(shallow, 0.134 * big, square))
+    denominator = jnp.where(p > 0, (kk + 0.583 * above) * kk + 0.25 * above * above, jnp.where(shallow, square, k))
+    y = base + numerator / jnp.maximum(denominator, 1e-200)
     tiny = jnp.finfo(p.dtype).tiny
-    shallow = big <= 2 * m**3
-    safe_k, safe_m = jnp.maximum(k, 1e-100), jnp.maximum(m, 1e-100)
-    three = m * 3**0.5 + 0.134 * big / (safe_m * safe_m)
-    single = k + m * m / safe_k
-    start = jnp.where(p > 0, big / (jnp.maximum(p, 0.0) + k * k + tiny), jnp.where(shallow, three, single))
-    y = start
-    for _ in range(4):
-        value = (y * y + p) * y - big
-        slope = 3 * y * y + p
-        step = 2 * value * slope / (2 * slope * slope - 6 * value * y + tiny)
-        y = jnp.maximum(y - step, 0.0)
+    for _ in range(2):
+        value, slope = (y * y + p) * y - big, 3 * y * y + p
+        y = jnp.maximum(y - 2 * value * slope / (2 * slope * slope - 6 * value * y + tiny), 0.0)
+    # The slope is positive here, and zero only where p = q = 0.
+    y = y - ((y * y + p) * y - big) / (3 * y * y + p + tiny)
     return jnp.where(q > 0, -y, y)
 
 
 def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicRoots:
     """Finds the real roots of a binary cubic; none of its coefficients needs to be non-zero.
 
-    A root at infinity (C = 0) is as good as any. The isolated root by Halley's iteration from a start
-    within 30 %, the other two from the deflated quadratic.
+    A root at infinity (C = 0) is as good as any. The isolated root by Halley's iteration, the other two from
+    the deflated quadratic.
 
     Args:
         cubic: (a3, a2, a1, a0), arrays of one shape; not all zero.
@@ -133,10 +137,11 @@ def real_roots(cubic: Cubic, double_angle: float, triple_angle: float) -> CubicR
     spread = triple_angle * (1 + mean * mean) / 2
     # The nearer the third root, the less rounding lets a pair be resolved.
     nearest = jnp.maximum(jnp.abs(y), spread)
-    crowding = jnp.maximum(1.0, 0.05 * pair_scale / nearest)
+    remoteness = 1 / nearest
+    crowding = jnp.maximum(1.0, 0.05 * pair_scale * remoteness)
     # Rounding of p and q moves the gap by this, where the coefficients are large.
     size = jnp.abs(b1) + b2 * b2
-    blur = 8 * jnp.finfo(p.dtype).eps * (4 * size + 3 * (jnp.abs(b0) + jnp.abs(b2) * size) / nearest)
+    blur = 8 * jnp.finfo(p.dtype).eps * (4 * size + 3 * (jnp.abs(b0) + jnp.abs(b2) * size) * remoteness)
     tolerance = jnp.maximum((double_angle * pair_scale) ** 2 * crowding, blur)
     double = jnp.abs(gap) <= tolerance
     triple = (jnp.abs(y) <= spread) & (jnp.abs(gap) <= spread * spread)

@@ -177,16 +177,33 @@ def _stacked_kernel(solver: Callable[..., Any]) -> Callable[[Mechanism, Coordina
     def kernel(robot: Mechanism, coordinates: Coordinates) -> tuple[Array, ...]:
         shape = jnp.broadcast_shapes(*(jnp.shape(each) for each in coordinates))
         lanes = solver(robot, coordinates)
-        columns = (*zip(*(lane.values for lane in lanes), strict=True), _codes(lanes))
+        columns = (*zip(*(lane.values for lane in lanes), strict=True), _words(_codes(lanes)))
         return tuple(jnp.stack([jnp.broadcast_to(each, shape) for each in column]) for column in columns)
 
     return kernel
 
 
+def _words(codes: list[Array]) -> list[Array]:
+    """Returns bytes eight to a word, the first in its lowest bits; XLA is slow at stacking bytes."""
+    words = []
+    for start in range(0, len(codes), 8):
+        word = jnp.uint64(0)
+        for k, code in enumerate(codes[start : start + 8]):
+            word = word | (code.astype(jnp.uint64) << jnp.uint64(8 * k))
+        words.append(word)
+    return words
+
+
 def _unpack_stacked(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
-    *values, codes = arrays
-    poses = (value[k] for k in range(len(codes)) for value in values)
-    return (*poses, *(codes & 0x0F).view(np.int8), *(codes >> 4).view(np.int8))
+    *values, words = arrays
+    lanes = len(values[0])
+    poses = (value[k] for k in range(lanes) for value in values)
+    halves = [half.astype("<u8").view(np.int8).reshape(*words.shape, 8) for half in (words & _LOW, words >> 4 & _LOW)]
+    return (*poses, *(half[k // 8, ..., k % 8] for half in halves for k in range(lanes)))
+
+
+#: The lower half of each byte of a word.
+_LOW = np.uint64(0x0F0F0F0F0F0F0F0F)
 
 
 def _unpack_branches(arrays: tuple[np.ndarray, ...]) -> tuple[np.ndarray, ...]:
@@ -211,9 +228,10 @@ forward_branches = Field(
     variables=lambda robot: _branch_variables(
         "forward_branches", "poses of the assembly modes", _modes(robot), _entries(robot.pose_axes)
     ),
-    kernel=_branches_kernel(forward_lanes),
-    unpack=_unpack_branches,
+    kernel=_stacked_kernel(forward_lanes),
+    unpack=_unpack_stacked,
     block=lambda robot: robot.forward_block,
+    version="2",
 )
 
 

@@ -68,6 +68,11 @@ def throughput(name: str, samples: int, seconds: float, goal: float | None = Non
     return Metric(name, samples / seconds / 1e6, "M samples/s", "higher", None, goal)
 
 
+def bandwidth(name: str, bytes_written: int, seconds: float) -> Metric:
+    """Makes an informational bandwidth."""
+    return Metric(name, bytes_written / seconds / 1e9, "GB/s", "higher")
+
+
 def duration(name: str, seconds: float, goal: float | None = None) -> Metric:
     """Makes an informational time."""
     return Metric(name, seconds, "s", "lower", None, goal)

@@ -4,8 +4,9 @@ from collections.abc import Callable
 
 import numpy as np
 import xarray
+from bandwidth import FRESH, HELD, writes
 from load import WIDE, Rpr3C, load
-from metric import RATIO, Metric, Times, duration, mistakes, throughput
+from metric import RATIO, Metric, Times, bandwidth, duration, mistakes, throughput
 from numba_rpr3 import count_numba
 from numpy_rpr3 import count_closed_form
 
@@ -30,13 +31,16 @@ def measure() -> list[Metric]:
     def sweep() -> xarray.Dataset:
         return jk.sweep(robot, "forward_count", grid, workers=1, progress=False)
 
-    runs: dict[str, Callable[[], object]] = {"jaxkin": sweep, **_yardsticks()}
-    times, samples = Times(runs), SIDE * SIDE
+    yardsticks, samples = _yardsticks(), SIDE * SIDE
+    # A number and a flag, a byte each.
+    times = Times({"jaxkin": sweep, **yardsticks, **writes(2 * samples)})
     metrics = [
         throughput("count map: jaxkin sweep, one core", samples, times.median("jaxkin")),
         duration("count map: compiling", times.compiling("jaxkin")),
     ]
-    for name in (name for name in runs if name != "jaxkin"):
+    metrics += [bandwidth(f"count map: {name}", 2 * samples, times.median(name)) for name in (HELD, FRESH)]
+    metrics.append(Metric("count map: jaxkin / write, fresh memory", times.ratio(FRESH, "jaxkin"), "x", "higher"))
+    for name in yardsticks:
         ratio, label = times.ratio(name, "jaxkin"), f"count map: jaxkin / {name}"
         gated = name not in _INFORMATIONAL
         metrics.append(Metric(label, ratio, "x", "higher", RATIO if gated else None, _GOALS.get(name)))

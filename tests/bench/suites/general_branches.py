@@ -1,4 +1,4 @@
-"""All assembly modes of the reference 3-RPR on one core: the kernel against NumPy's companion eigenvalues."""
+"""All assembly modes of the reference 3-RPR on one core: the kernel against C, numba and NumPy eigenvalues."""
 
 import math
 from collections.abc import Callable
@@ -6,7 +6,9 @@ from collections.abc import Callable
 import jax
 import numpy as np
 from check import residual
+from load import WIDE, load
 from metric import Metric, Times, duration, mistakes, speedup, throughput
+from numba_branches import branches_general_numba
 from numpy_rpr3 import branches_general_companion
 
 import jaxkin as jk
@@ -14,6 +16,7 @@ from jaxkin.sweep.fields import forward_branches
 from tests.oracles.rpr3_exact import count_general
 
 Kernel = Callable[..., tuple[jax.Array, ...]]
+Yardstick = Callable[..., np.ndarray]
 
 BLOCK = 1 << 12
 #: Largest error of a leg's length, between 8 and 22 long.
@@ -39,19 +42,59 @@ def measure() -> list[Metric]:
         for block in rho[:TIMED]:
             branches_general_companion(*geometry, *block)
 
-    times, samples = Times({"jaxkin": jaxkin, "companion": companion}), TIMED * BLOCK
-    return [
-        throughput("general branches: kernel", samples, times.median("jaxkin")),
-        throughput("general branches: NumPy companion", samples, times.median("companion")),
+    yardsticks, out = _yardsticks(), np.empty((6, 3, BLOCK))
+
+    def in_blocks(branches: Yardstick) -> Callable[[], object]:
+        return lambda: [branches(geometry, *block, out) for block in rho[:TIMED]]
+
+    runs = {"jaxkin": jaxkin, "NumPy companion": companion}
+    times = Times(runs | {name: in_blocks(branches) for name, branches in yardsticks.items()})
+    metrics = [
+        throughput("general branches: kernel", TIMED * BLOCK, times.median("jaxkin")),
         duration("general branches: compiling", times.compiling("jaxkin")),
-        speedup("general branches: kernel / NumPy companion", times.ratio("companion", "jaxkin"), 5),
-        *_compare(robot, kernel, geometry, rho),
     ]
+    for name in ("NumPy companion", *yardsticks):
+        ratio = times.ratio(name, "jaxkin")
+        metrics.append(speedup(f"general branches: kernel / {name}", ratio, _GOALS[name]))
+        metrics.append(throughput(f"general branches: {name}", TIMED * BLOCK, times.median(name)))
+    return metrics + _compare(robot, kernel, geometry, rho) + _check_yardsticks(yardsticks, geometry, rho)
+
+
+_GOALS = {"NumPy companion": 5, "C": 0.5, "C 512": 0.5, "numba": 1.0}
+
+
+def _yardsticks() -> dict[str, Yardstick]:
+    """Returns what fills an array with the poses of one block, by name."""
+    libraries = {"C": load(), "C 512": load(WIDE)}
+    present: dict[str, Yardstick] = {}
+    present |= {name: library.branches_general for name, library in libraries.items() if library is not None}
+    if branches_general_numba is not None:
+        present["numba"] = branches_general_numba
+    return present
+
+
+def _check_yardsticks(yardsticks: dict[str, Yardstick], geometry: tuple[float, ...], rho: np.ndarray) -> list[Metric]:
+    """Counts where a yardstick's number of poses is wrong: a yardstick that is fast and wrong would be none."""
+    metrics = []
+    for name, branches in yardsticks.items():
+        wrong = 0
+        for block in rho:
+            count = (~np.isnan(branches(geometry, *block)[:, 0])).sum(axis=0)
+            other = (~np.isnan(branches_general_companion(*geometry, *block)[..., 0])).sum(axis=1)
+            wrong += sum(_exact(geometry, block[:, i]) != count[i] for i in np.flatnonzero(count != other))
+        label = f"general branches: {name} wrong in {rho.shape[0] * BLOCK} samples"
+        metrics.append(Metric(label, int(wrong), "samples", "lower"))
+    return metrics
+
+
+def _exact(geometry: tuple[float, ...], rho: np.ndarray) -> int:
+    """Returns the exact number of poses of one sample."""
+    c2, c3, d3, l2, l3, beta = geometry
+    b2, b3 = (l2, 0.0), (l3 * math.cos(beta), l3 * math.sin(beta))
+    return count_general(b2, b3, c2, c3, d3, *rho.tolist()).count
 
 
 def _compare(robot: jk.Mechanism, kernel: Kernel, geometry: tuple[float, ...], rho: np.ndarray) -> list[Metric]:
-    c2, c3, d3, l2, l3, beta = geometry
-    b2, b3 = (l2, 0.0), (l3 * math.cos(beta), l3 * math.sin(beta))
     missed = invented = astray = companion_wrong = 0
     for block in rho:
         # Six lanes of x, y, phi, then their statuses, then their multiplicities.
@@ -63,7 +106,7 @@ def _compare(robot: jk.Mechanism, kernel: Kernel, geometry: tuple[float, ...], r
         count = here.sum(axis=0)
         other = (~np.isnan(branches_general_companion(*geometry, *block)[..., 0])).sum(axis=1)
         for i in np.flatnonzero(count != other):
-            exact = count_general(b2, b3, c2, c3, d3, *block[:, i].tolist()).count
+            exact = _exact(geometry, block[:, i])
             missed += max(0, exact - int(count[i]))
             invented += max(0, int(count[i]) - exact)
             companion_wrong += int(other[i] != exact)

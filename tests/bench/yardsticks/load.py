@@ -1,4 +1,4 @@
-"""Compile rpr3.c with the machine's gcc and wrap it with ctypes."""
+"""Compile the C yardsticks with the machine's gcc and wrap them with ctypes."""
 
 import ctypes
 import shutil
@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-SOURCE = Path(__file__).with_name("rpr3.c")
+SOURCES = [Path(__file__).with_name(name) for name in ("rpr3.c", "rpr3_general.c")]
 FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-fPIC")
-WIDE = ("-mprefer-vector-width=512",)
+WIDE = ("-mprefer-vector-width=512", "-DLANES=8")
 
 _array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
 _bytes = np.ctypeslib.ndpointer(np.uint8, flags="C_CONTIGUOUS")
@@ -22,6 +22,7 @@ _SIGNATURES = {
     "count_cubic": (*_FLAT, _bytes),
     "count_sturm": (*_FLAT, _bytes),
     "branches_cubic": (*_FLAT, _array),
+    "branches_general": (_size, _array, _array, _array, _array, _array),
     "count_grid_cubic": _GRID,
     "count_grid_sturm": _GRID,
 }
@@ -72,6 +73,14 @@ class Rpr3C:
         self.library.branches_cubic(rho1.size, c2, c3, d3, rho1, rho2, rho3, out)
         return out
 
+    def branches_general(self, geometry, rho1, rho2, rho3, out=None) -> np.ndarray:
+        """The same for base and platform (c2, c3, d3, l2, l3, beta); samples must be a multiple of 8."""
+        if rho1.size % 8:
+            raise ValueError(f"{rho1.size} samples are no multiple of 8, the vectors' length")
+        out = np.empty((6, 3, rho1.size)) if out is None else out
+        self.library.branches_general(rho1.size, np.array(geometry), rho1, rho2, rho3, out)
+        return out
+
 
 def load(extra: tuple[str, ...] = ()) -> Rpr3C | None:
     """The compiled library, or None without a gcc that can build it. `extra=WIDE` asks for 512-bit vectors."""
@@ -80,11 +89,12 @@ def load(extra: tuple[str, ...] = ()) -> Rpr3C | None:
         return None
     flags = FLAGS + extra
     with tempfile.TemporaryDirectory() as folder:
-        made, shared = f"{folder}/rpr3.o", f"{folder}/rpr3.so"
+        made, shared = [f"{folder}/{source.stem}.o" for source in SOURCES], f"{folder}/rpr3.so"
         # Linking apart, without -ffast-math: with it, gcc adds start-up code that flushes denormals in the whole process.
-        link = [gcc, "-shared", made, "-o", shared]
+        link = [gcc, "-shared", *made, "-o", shared]
         try:
-            subprocess.run([gcc, *flags, "-c", str(SOURCE), "-o", made], check=True, capture_output=True)
+            for source, target in zip(SOURCES, made, strict=True):
+                subprocess.run([gcc, *flags, "-c", str(source), "-o", target], check=True, capture_output=True)
             if subprocess.run([*link, "-lmvec", "-lm"], capture_output=True).returncode:
                 subprocess.run([*link, "-lm"], check=True, capture_output=True)
             library = ctypes.CDLL(shared)
