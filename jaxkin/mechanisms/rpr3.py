@@ -59,14 +59,25 @@ class _PlanarRPR3(Mechanism):
         own = np.array(self.platform_points(), dtype=float)
         return np.array(self.base_points(), dtype=float), own @ turn.T + (x, y)
 
-    def _squared_lengths(self, pose: tuple[Array, ...]) -> tuple[Array, ...]:
+    def _legs(self, pose: tuple[Array, ...]) -> list[tuple[Array, Array, Array]]:
+        """Returns of each leg both components, and their moment about B1: half the derivative by phi."""
         x, y, phi = pose
         cos, sin = jnp.cos(phi), jnp.sin(phi)
-        squares = []
+        legs = []
         for (ax, ay), (bx, by) in zip(self.base_points(), self.platform_points(), strict=True):
-            dx, dy = x + bx * cos - by * sin - ax, y + bx * sin + by * cos - ay
-            squares.append(dx * dx + dy * dy)
-        return tuple(squares)
+            armx, army = bx * cos - by * sin, bx * sin + by * cos
+            dx, dy = x + armx - ax, y + army - ay
+            legs.append((dx, dy, dy * armx - dx * army))
+        return legs
+
+    def _squared_lengths(self, pose: tuple[Array, ...]) -> tuple[Array, ...]:
+        return tuple(dx * dx + dy * dy for dx, dy, _ in self._legs(pose))
+
+    def jacobian_kernel(
+        self, pose: tuple[Array, ...], joints: tuple[Array, ...]
+    ) -> tuple[tuple[tuple[Array, ...], ...], tuple[Array, ...]]:
+        """Returns dF/dpose and the diagonal of dF/djoints."""
+        return tuple((2 * dx, 2 * dy, 2 * moment) for dx, dy, moment in self._legs(pose)), tuple(-2 * q for q in joints)
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns |B_i - A_i|^2 - rho_i^2, ``(3,)`` (Wenger and Chablat 2009, Eqs. (1)-(3))."""

@@ -158,6 +158,14 @@ class TLPM(Mechanism):
             ),
         )
 
+    def jacobian_kernel(
+        self, pose: tuple[Array, ...], joints: tuple[Array, ...]
+    ) -> tuple[tuple[tuple[Array, ...], ...], tuple[Array, ...]]:
+        """Returns dF/dp, rows 2 (p - q_i), and the diagonal of dF/dl, -2 (L_i0 + l_i)."""
+        x, y, z = pose
+        rows = tuple((2 * (x - qx), 2 * (y - qy), 2 * (z + self.height)) for qx, qy in self.base_points())
+        return rows, tuple(-2 * length for length in self.lengths(joints))
+
     def _solved(self, joints: tuple[Array, ...]) -> tuple[Array, Array, Array, Array, Array]:
         """Returns x, y, (z + h)^2 (0 within its blur), where that is close to zero, and where all lengths are positive.
 
