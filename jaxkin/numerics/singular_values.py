@@ -8,6 +8,7 @@ References:
     1994, "Accurate singular values and differential qd algorithms" (the stationary transformation).
 """
 
+import math
 from collections.abc import Sequence
 from typing import TypeAlias
 
@@ -17,6 +18,7 @@ from jax import Array
 
 from jaxkin.numerics import small_linalg
 from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.small_linalg import Vector3, dot
 
 Rows: TypeAlias = tuple[tuple[Array, ...], ...]
 
@@ -37,7 +39,7 @@ def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     if n == 2:
         return _of_two(rows)
     if n == 3:
-        return small_linalg.singular_extremes(tuple(map(tuple, rows)))  # type: ignore[arg-type]
+        return _of_three(rows)
     shape = jnp.broadcast_shapes(*(jnp.shape(entry) for row in rows for entry in row))
     full = tuple(tuple(jnp.broadcast_to(jnp.asarray(entry, float), shape) for entry in row) for row in rows)
     return _of_many(full)
@@ -53,6 +55,112 @@ def _of_two(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     there = largest > 0
     smallest = jnp.where(there, jnp.abs(a * d - b * c) / jnp.where(there, largest, 1.0), 0.0)
     return scale * smallest, scale * largest
+
+
+def _of_three(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
+    """The roots of the two largest eigenvalues of g = m m^T; sigma_3 is |det| over both.
+
+    So it keeps its digits near a singularity, where the root of the smallest eigenvalue would lose half of them. With
+    the deviator d = g - mean, |d|^2 = 6 p^2, the eigenvalues are mean + 2 p cos(t) and mean + 2 p cos(t - 2 pi / 3),
+    and cos 3t = det(d) / 2 p^3. Where two eigenvalues meet the cosine says nothing; the sine serves,
+    |d^2 - 2 p^2 - p cos(3t) d| = sqrt6 p^2 sin 3t.
+    """
+    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), jnp.finfo(float).tiny)
+    shrink = 1 / scale
+    x, y, z = (tuple(entry * shrink for entry in row) for row in rows)
+    g00, g11, g22, g01, g02, g12 = dot(x, x), dot(y, y), dot(z, z), dot(x, y), dot(x, z), dot(y, z)
+    mean = (g00 + g11 + g22) / 3
+    d0, d1, d2 = g00 - mean, g11 - mean, g22 - mean
+    square = (d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) / 6
+    apart = square > 0
+    spread = jnp.sqrt(jnp.where(apart, square, 1.0))
+    inverse = 1 / spread
+    diagonal, off = (d0 * inverse, d1 * inverse, d2 * inverse), (g01 * inverse, g02 * inverse, g12 * inverse)
+    first, second = _two_roots(*_three_times(diagonal, off))
+    spread = jnp.where(apart, spread, 0.0)
+    first, second = mean + spread * first, jnp.maximum(mean + spread * second, 0.0)
+    product = first * second
+    there = product > 0
+    det = jnp.abs(small_linalg.determinant((x, y, z)))
+    smallest = jnp.where(there, det / jnp.sqrt(jnp.where(there, product, 1.0)), 0.0)
+    return scale * smallest, scale * jnp.where(first > 0, jnp.sqrt(jnp.where(first > 0, first, 1.0)), 0.0)
+
+
+def _three_times(d: Vector3, g: Vector3) -> tuple[Array, Array]:
+    """Returns cos 3t and sin 3t of a deviator with p = 1, its diagonal d and its entries g01, g02, g12."""
+    (d0, d1, d2), (g01, g02, g12) = d, g
+    cosine = (d0 * (d1 * d2 - g12 * g12) - g01 * (g01 * d2 - g12 * g02) + g02 * (g01 * g12 - d1 * g02)) / 2
+    e0 = d0 * d0 + g01 * g01 + g02 * g02 - 2 - cosine * d0
+    e1 = g01 * g01 + d1 * d1 + g12 * g12 - 2 - cosine * d1
+    e2 = g02 * g02 + g12 * g12 + d2 * d2 - 2 - cosine * d2
+    e01 = (d0 + d1 - cosine) * g01 + g02 * g12
+    e02 = (d0 + d2 - cosine) * g02 + g01 * g12
+    e12 = (d1 + d2 - cosine) * g12 + g01 * g02
+    return cosine, small_linalg.length((e0, e1, e2, e01, e01, e02, e02, e12, e12)) / math.sqrt(6.0)
+
+
+#: With k = cos(3t / 2): cos(t) = p(k) / q(k) and sin(t) = sin(3t / 2) p(k) / q(k), to 7e-17 on [0, 1], interpolated at
+#: Chebyshev nodes in 60 digits. One division for an arccosine, a cosine and a sine.
+_COSINE = (
+    (
+        0.5,
+        1.7830573000711942,
+        2.3297414624942157,
+        1.3950793910416177,
+        0.38687826597833,
+        0.04361518468802272,
+        0.0013366250926112862,
+    ),
+    (
+        1.0,
+        2.41141406176318,
+        2.0972440318348915,
+        0.797423044457054,
+        0.12704908948738775,
+        0.006541037985850415,
+        3.6963837628258704e-05,
+    ),
+)
+_SINE = (
+    (
+        0.8660254037844386,
+        2.178267763980038,
+        2.0031317177691976,
+        0.8230888428011572,
+        0.14743157483386207,
+        0.009352988492802717,
+        0.0001044467326175935,
+    ),
+    (
+        1.0,
+        2.900147139261648,
+        3.1515066495375663,
+        1.5859291725257552,
+        0.36869160810855334,
+        0.034039603675727254,
+        0.0007899344819197407,
+    ),
+)
+
+
+def _two_roots(cosine: Array, sine: Array) -> tuple[Array, Array]:
+    """Returns 2 cos(t) and 2 cos(t - 2 pi / 3), t in [0, pi/3], from the cosine and the sine of 3t."""
+    # Cosine and sine of 3t / 2, either without cancellation.
+    root = jnp.sqrt(2 + 2 * jnp.abs(cosine))
+    large, small = 0.5 * root, sine / root
+    behind = cosine < 0
+    k, side = jnp.where(behind, small, large), jnp.where(behind, large, small)
+    (a, b), (c, d) = ([_polynomial(part, k) for part in both] for both in (_COSINE, _SINE))
+    inverse = 1 / (b * d)
+    cos, sin = a * d * inverse, side * c * b * inverse
+    return 2 * cos, math.sqrt(3.0) * sin - cos
+
+
+def _polynomial(coefficients: tuple[float, ...], k: Array) -> Array:
+    value = jnp.full_like(k, coefficients[-1])
+    for coefficient in coefficients[-2::-1]:
+        value = value * k + coefficient
+    return value
 
 
 @jax.custom_jvp
