@@ -28,6 +28,7 @@ from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general, rpr3_closed_forms
 from jaxkin.mechanisms._geometry import batch_limits, leaves
 from jaxkin.mechanisms.catalogue import CATALOGUE
 from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.trigonometry import cos_sin
 
 Point = tuple[Array, Array]
 
@@ -71,7 +72,7 @@ class _PlanarRPR3(Mechanism):
 
     def _legs_once(self, pose: tuple[Array, ...]) -> list[tuple[Array, Array, Array]]:
         """Returns the legs for kernels, of which each result would otherwise compute sine and cosine again."""
-        return self._legs(pose[0], pose[1], *materialise(jnp.cos(pose[2]), jnp.sin(pose[2])))
+        return self._legs(pose[0], pose[1], *materialise(*cos_sin(pose[2])))
 
     def jacobian_kernel(
         self, pose: tuple[Array, ...], joints: tuple[Array, ...]
