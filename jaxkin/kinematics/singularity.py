@@ -12,7 +12,7 @@ from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.kinematics.boundary import checked_configuration
 from jaxkin.kinematics.jacobian import raw_jacobians
 from jaxkin.numerics import singular_values, small_linalg
-from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.fusion import reciprocal
 from jaxkin.numerics.implicit import solve_linear
 
 Coordinates: TypeAlias = tuple[Array, ...]
@@ -69,9 +69,7 @@ def elementwise_conditioning(robot: Mechanism, pose: Coordinates, joints: Coordi
     length = robot.characteristic_length()
     pose_units, joint_units = (scale_vector(axes, length) for axes in (robot.pose_axes, robot.joint_axes))
     scaled = [[r * (pose_units[j] / joint_units[i]) for j, r in enumerate(row)] for i, row in enumerate(rates)]
-    # Every entry stands in determinants and in sums of squares.
-    kept = iter(materialise(*(entry for row in scaled for entry in row)))
-    smallest, largest = singular_values.extremes([[next(kept) for _ in row] for row in scaled])
+    smallest, largest = singular_values.extremes(scaled)
     return Conditioning(_determinant(direct), smallest, smallest / largest)
 
 
@@ -84,7 +82,7 @@ def _direct_and_rates(robot: Mechanism, pose: Coordinates, joints: Coordinates) 
     """Returns the rows of dF/dpose, and those of dq/dx = -B^-1 A."""
     if robot.jacobian_kernel is not None:
         direct, diagonal = robot.jacobian_kernel(pose, joints)
-        slower = [-1 / entry for entry in diagonal]
+        slower = [-reciprocal(jnp.asarray(entry, float)) for entry in diagonal]
         return direct, [[entry * factor for entry in row] for row, factor in zip(direct, slower, strict=True)]
     shape = jnp.broadcast_shapes(*(jnp.shape(a) for a in (*pose, *joints)))
     vectors = [jnp.stack([jnp.broadcast_to(a, shape).reshape(-1) for a in group]) for group in (pose, joints)]

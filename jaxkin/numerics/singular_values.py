@@ -17,11 +17,13 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxkin.numerics import small_linalg
-from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.fusion import inverse_root, materialise, power_of_two, reciprocal
 from jaxkin.numerics.small_linalg import Vector3, dot
 
 Rows: TypeAlias = tuple[tuple[Array, ...], ...]
 
+#: Matrices with less in them are zero; its inverse is finite, in float32 as well.
+_LEAST = 1e-37
 #: Beyond this size the program would be long, and LAPACK is no longer slow.
 _LARGEST_UNROLLED = 8
 #: A simple extreme takes five or six steps, one that coincides with two others 40: every step takes 0.6 of the way.
@@ -48,7 +50,7 @@ def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
 def _of_two(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     """Half the sum of two lengths, exact where both values coincide; and the determinant over it."""
     (a, b), (c, d) = rows
-    scale = jnp.maximum(jnp.abs(a) + jnp.abs(b) + jnp.abs(c) + jnp.abs(d), jnp.finfo(float).tiny)
+    scale = jnp.maximum(jnp.abs(a) + jnp.abs(b) + jnp.abs(c) + jnp.abs(d), _LEAST)
     inverse = 1 / scale
     a, b, c, d = a * inverse, b * inverse, c * inverse, d * inverse
     largest = 0.5 * (small_linalg.length((a + d, c - b)) + small_linalg.length((a - d, b + c)))
@@ -65,25 +67,28 @@ def _of_three(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     and cos 3t = det(d) / 2 p^3. Where two eigenvalues meet the cosine says nothing; the sine serves,
     |d^2 - 2 p^2 - p cos(3t) d| = sqrt6 p^2 sin 3t.
     """
-    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), jnp.finfo(float).tiny)
-    shrink = 1 / scale
+    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), _LEAST)
+    scale, shrink = power_of_two(scale)
     x, y, z = (tuple(entry * shrink for entry in row) for row in rows)
     g00, g11, g22, g01, g02, g12 = dot(x, x), dot(y, y), dot(z, z), dot(x, y), dot(x, z), dot(y, z)
-    mean = (g00 + g11 + g22) / 3
+    mean = (g00 + g11 + g22) * (1 / 3)
     d0, d1, d2 = g00 - mean, g11 - mean, g22 - mean
-    square = (d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) / 6
+    square = (d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) * (1 / 6)
     apart = square > 0
-    spread = jnp.sqrt(jnp.where(apart, square, 1.0))
-    inverse = 1 / spread
+    safe = jnp.where(apart, square, 1.0)
+    inverse = inverse_root(safe)
+    spread = jnp.where(apart, safe * inverse, 0.0)
     diagonal, off = (d0 * inverse, d1 * inverse, d2 * inverse), (g01 * inverse, g02 * inverse, g12 * inverse)
     first, second = _two_roots(*_three_times(diagonal, off))
-    spread = jnp.where(apart, spread, 0.0)
     first, second = mean + spread * first, jnp.maximum(mean + spread * second, 0.0)
-    product = first * second
-    there = product > 0
     det = jnp.abs(small_linalg.determinant((x, y, z)))
-    smallest = jnp.where(there, det / jnp.sqrt(jnp.where(there, product, 1.0)), 0.0)
-    return scale * smallest, scale * jnp.where(first > 0, jnp.sqrt(jnp.where(first > 0, first, 1.0)), 0.0)
+    return scale * det * _inverse_length(first * second), scale * first * _inverse_length(first)
+
+
+def _inverse_length(square: Array) -> Array:
+    """Returns 1 / sqrt, and 0 where there is none."""
+    there = square > 0
+    return jnp.where(there, inverse_root(jnp.where(there, square, 1.0)), 0.0)
 
 
 def _three_times(d: Vector3, g: Vector3) -> tuple[Array, Array]:
@@ -96,7 +101,8 @@ def _three_times(d: Vector3, g: Vector3) -> tuple[Array, Array]:
     e01 = (d0 + d1 - cosine) * g01 + g02 * g12
     e02 = (d0 + d2 - cosine) * g02 + g01 * g12
     e12 = (d1 + d2 - cosine) * g12 + g01 * g02
-    return cosine, small_linalg.length((e0, e1, e2, e01, e01, e02, e02, e12, e12)) / math.sqrt(6.0)
+    square = (e0 * e0 + e1 * e1 + e2 * e2 + 2 * (e01 * e01 + e02 * e02 + e12 * e12)) * (1 / 6)
+    return cosine, square * _inverse_length(square)
 
 
 #: With k = cos(3t / 2): cos(t) = p(k) / q(k) and sin(t) = sin(3t / 2) p(k) / q(k), to 7e-17 on [0, 1], interpolated at
@@ -146,12 +152,13 @@ _SINE = (
 def _two_roots(cosine: Array, sine: Array) -> tuple[Array, Array]:
     """Returns 2 cos(t) and 2 cos(t - 2 pi / 3), t in [0, pi/3], from the cosine and the sine of 3t."""
     # Cosine and sine of 3t / 2, either without cancellation.
-    root = jnp.sqrt(2 + 2 * jnp.abs(cosine))
-    large, small = 0.5 * root, sine / root
+    double = 2 + 2 * jnp.abs(cosine)
+    inverse = inverse_root(double)
+    large, small = 0.5 * double * inverse, sine * inverse
     behind = cosine < 0
     k, side = jnp.where(behind, small, large), jnp.where(behind, large, small)
     (a, b), (c, d) = ([_polynomial(part, k) for part in both] for both in (_COSINE, _SINE))
-    inverse = 1 / (b * d)
+    inverse = reciprocal(b * d)
     cos, sin = a * d * inverse, side * c * b * inverse
     return 2 * cos, math.sqrt(3.0) * sin - cos
 
@@ -168,7 +175,7 @@ def _of_many(rows: Rows) -> tuple[Array, Array]:
     if len(rows) > _LARGEST_UNROLLED:
         values = jnp.linalg.svd(small_linalg.stacked(rows), compute_uv=False)
         return values[..., -1], values[..., 0]
-    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), jnp.finfo(float).tiny)
+    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), _LEAST)
     inverse = 1 / scale
     squares, couplings = _bidiagonal([[entry * inverse for entry in row] for row in rows])
     low, high = _extreme_eigenvalues(squares, couplings)

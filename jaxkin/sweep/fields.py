@@ -268,7 +268,9 @@ def _per_working_mode(
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
         for lane in inverse_lanes(robot, pose):
-            out.append(jnp.where(lane.multiplicity > 0, measure(robot, pose, lane.values), jnp.nan))
+            # NaN where there is no solution: cheaper than to find out about its multiplicity again.
+            none = jnp.isnan(lane.values[0])
+            out.append(jnp.where(none, jnp.nan, measure(robot, pose, lane.values)))
         return tuple(out)
 
     return Field(name, "pose", variables, kernel, block=lambda robot: block, version="2")
