@@ -109,8 +109,10 @@ LARGEST = 1e60
 def _nothing_to_say(robot: Mechanism, given: tuple[Array, ...]) -> tuple[Array, Array]:
     """Returns where the input or the geometry is bad, and the status that says which."""
     finite = jnp.asarray(True)
+    # In float32 the bound would be infinite, and let infinity pass.
+    largest = min(LARGEST, float(jnp.finfo(jnp.result_type(float)).max) ** 0.2)
     for value in given:
-        finite = finite & (jnp.abs(value) <= LARGEST)
+        finite = finite & (jnp.abs(value) <= largest)
     # Kept, or every loop over samples would look at the geometry again, sines of its angles included.
     (fine,) = materialise(jnp.where(robot.geometry_ok(), 1.0, 0.0))
     geometry = fine > 0.5

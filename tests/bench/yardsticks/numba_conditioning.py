@@ -185,15 +185,15 @@ if numba is not None:
     def _laguerre(x, q, e):
         t, slope, bend, first, second = -x, -1.0, 0.0, 0.0, 0.0
         for i in range(6):
-            pivot = q[i] + t
-            r = 1 / (pivot if pivot != 0 else 1e-300)
+            r = 1 / (q[i] + t)
             ratio = slope * r
             first -= ratio
             second += ratio * ratio - bend * r
             factor = e[i] * q[i] * r * r
             t, slope, bend = e[i] * t * r - x, factor * slope - 1, factor * (bend - 2 * slope * ratio)
         root = math.sqrt(max(5 * (6 * second - first * first), 0.0))
-        return 6 / (first - root if first < 0 else first + root)
+        step = 6 / (first - root if first < 0 else first + root)
+        return step if abs(step) < 1e300 else 0.0
 
     @compiled
     def _limit(x, q, e):

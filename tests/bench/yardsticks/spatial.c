@@ -8,18 +8,21 @@
 #include <stdint.h>
 #include <string.h>
 
+/* gcc would leave the longer ones as calls, which stop vectorisation. */
+#define INLINE static inline __attribute__((always_inline))
+
 enum { POSE = 0x10, NONE = 0x02, BLOCK = 512 };
 static const double ROOT3 = 1.7320508075688772, HALF_ROOT3 = 0.8660254037844386;
 
-static inline double min2(double x, double y) { return x < y ? x : y; }
-static inline double max2(double x, double y) { return x > y ? x : y; }
-static inline double clip(double x) { return min2(max2(x, 0), 1); }
+INLINE double min2(double x, double y) { return x < y ? x : y; }
+INLINE double max2(double x, double y) { return x > y ? x : y; }
+INLINE double clip(double x) { return min2(max2(x, 0), 1); }
 
 /* ---- 3-PPPS ---------------------------------------------------------------------------------------------------------------- */
 
 typedef struct { double r12, r31, r32, inverse, root_a, root_b; } known;
 
-static inline known know(const double *restrict q, size_t n, size_t i, double nan) {
+INLINE known know(const double *restrict q, size_t n, size_t i, double nan) {
     double m2 = q[3 * n + i] - q[n + i], m3 = q[5 * n + i] - q[n + i], r32 = m3 - m2;
     double r12 = q[4 * n + i] + q[2 * n + i], r31 = -(m2 + m3) / ROOT3, c = (1 - r32) * (1 + r32);
     double a = c - r31 * r31, b = c - r12 * r12;
@@ -29,7 +32,7 @@ static inline known know(const double *restrict q, size_t n, size_t i, double na
 
 typedef struct { double r11, r13, r21, r23; } rest;
 
-static inline rest entries(known k, double r22, double r33) {
+INLINE rest entries(known k, double r22, double r33) {
     double p = r22 * r33, r12 = k.r12, r31 = k.r31, r32 = k.r32, w = k.inverse;
     return (rest){(p - r12 * r31 * r32) * w, -(r12 * r32 * r33 + r22 * r31) * w, -(r12 * r33 + r22 * r31 * r32) * w,
                   (r12 * r31 - p * r32) * w};
@@ -39,7 +42,7 @@ static void codes_of(size_t m, const int64_t *restrict real, uint8_t *restrict t
     for (size_t i = 0; i < m; i++) to[i] = real[i] ? POSE : NONE;
 }
 
-static inline int64_t has_pose(const double *restrict q, size_t n, size_t i) {
+INLINE int64_t has_pose(const double *restrict q, size_t n, size_t i) {
     double m2 = q[3 * n + i] - q[n + i], m3 = q[5 * n + i] - q[n + i], r32 = m3 - m2;
     double r12 = q[4 * n + i] + q[2 * n + i], r31 = -(m2 + m3) / ROOT3, c = (1 - r32) * (1 + r32);
     return (c > r31 * r31) & (c > r12 * r12);
@@ -97,13 +100,13 @@ void ppps3_branches(size_t n, double nan, const double *restrict q, double *rest
 
 typedef struct { double x, y, z; } vec;
 
-static inline double dot(vec a, vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
-static inline vec cross(vec a, vec b) { return (vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
-static inline vec combined(double a, vec u, double b, vec v) {
+INLINE double dot(vec a, vec b) { return a.x * b.x + a.y * b.y + a.z * b.z; }
+INLINE vec cross(vec a, vec b) { return (vec){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x}; }
+INLINE vec combined(double a, vec u, double b, vec v) {
     return (vec){a * u.x + b * v.x, a * u.y + b * v.y, a * u.z + b * v.z};
 }
 
-static inline double distance(vec p, vec u, vec q, vec v) {
+INLINE double distance(vec p, vec u, vec q, vec v) {
     vec w = combined(1, p, -1, q), normal = cross(u, v);
     double uu = dot(u, u), uv = dot(u, v), vv = dot(v, v), uw = dot(u, w), vw = dot(v, w), nn = dot(normal, normal);
     double s = nn > 1e-150 ? clip(dot(cross(v, w), normal) / nn) : 0, t = clip((vw + s * uv) / vv);
@@ -113,7 +116,7 @@ static inline double distance(vec p, vec u, vec q, vec v) {
 }
 
 /* size: base points (6), height, initial length, b, r1, r2, bound, then X, T, z3 of each limb (27), as numbers. */
-static inline double clearance(const double *size, double x, double y, double z) {
+INLINE double clearance(const double *size, double x, double y, double z) {
     const double height = size[6], b = size[8], r1 = size[9], r2 = size[10];
     vec p[6], u[6];
     for (int k = 0; k < 3; k++) {
@@ -135,7 +138,7 @@ static inline double clearance(const double *size, double x, double y, double z)
     return least - size[11];
 }
 
-static inline double solve_tlpm(const double *size, const double *restrict q, size_t n, size_t i, double nan, double *x, double *y) {
+INLINE double solve_tlpm(const double *size, const double *restrict q, size_t n, size_t i, double nan, double *x, double *y) {
     const double ax = size[0] - size[2], ay = size[1] - size[3], bx = size[0] - size[4], by = size[1] - size[5];
     const double inverse = 1 / (ax * by - ay * bx);
     double r1 = q[i] + size[7], r2 = q[n + i] + size[7], r3 = q[2 * n + i] + size[7];
@@ -187,14 +190,14 @@ static const double SINE_P[] = {0.8660254037844386, 2.178267763980038, 2.0031317
 static const double SINE_Q[] = {1.0, 2.900147139261648, 3.1515066495375663, 1.5859291725257552, 0.36869160810855334,
                                 0.034039603675727254, 0.0007899344819197407};
 
-static inline double polynomial(const double *c, double k) {
+INLINE double polynomial(const double *c, double k) {
     return c[0] + k * (c[1] + k * (c[2] + k * (c[3] + k * (c[4] + k * (c[5] + k * c[6])))));
 }
 
-static inline double sq(double x) { return x * x; }
+INLINE double sq(double x) { return x * x; }
 
 /* See jaxkin.numerics.singular_values: two eigenvalues of m m^T in closed form, the third from the determinant. */
-static inline extremes of_three(vec x, vec y, vec z) {
+INLINE extremes of_three(vec x, vec y, vec z) {
     double g00 = dot(x, x), g11 = dot(y, y), g22 = dot(z, z), g01 = dot(x, y), g02 = dot(x, z), g12 = dot(y, z);
     double mean = (g00 + g11 + g22) / 3, d0 = g00 - mean, d1 = g11 - mean, d2 = g22 - mean;
     double square = (d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) / 6;
@@ -214,12 +217,12 @@ static inline extremes of_three(vec x, vec y, vec z) {
 
 enum { DETERMINANT, SMALLEST, INVERSE_CONDITION };
 
-static inline double chosen(int what, double det, extremes e) {
+INLINE double chosen(int what, double det, extremes e) {
     return what == DETERMINANT ? det : what == SMALLEST ? e.smallest : e.smallest / e.largest;
 }
 
 /* size: base points (6), platform points (6), characteristic length. */
-static inline double rpr3_at(int what, const double *size, double x, double y, double c, double s) {
+INLINE double rpr3_at(int what, const double *size, double x, double y, double c, double s) {
     vec row[3], rate[3];
     for (int k = 0; k < 3; k++) {
         double bx = size[6 + 2 * k], by = size[7 + 2 * k], armx = bx * c - by * s, army = bx * s + by * c;
@@ -231,7 +234,7 @@ static inline double rpr3_at(int what, const double *size, double x, double y, d
     return chosen(what, dot(row[0], cross(row[1], row[2])), of_three(rate[0], rate[1], rate[2]));
 }
 
-static inline double tlpm_at(int what, const double *size, double x, double y, double z) {
+INLINE double tlpm_at(int what, const double *size, double x, double y, double z) {
     vec row[3], rate[3];
     for (int k = 0; k < 3; k++) {
         vec d = {x - size[2 * k], y - size[2 * k + 1], z + size[6]};
@@ -240,15 +243,27 @@ static inline double tlpm_at(int what, const double *size, double x, double y, d
     return chosen(what, dot(row[0], cross(row[1], row[2])), of_three(rate[0], rate[1], rate[2]));
 }
 
+/* In two loops: of both in one gcc makes calls of sincos, which it cannot vectorise. */
+static void turn(size_t m, const double *restrict angle, double *restrict c, double *restrict s) {
+#pragma omp simd
+    for (size_t i = 0; i < m; i++) c[i] = cos(angle[i]);
+#pragma omp simd
+    for (size_t i = 0; i < m; i++) s[i] = sin(angle[i]);
+}
+
 /* Samples anywhere, then grids of which sines are taken once an axis value. */
 #define FOR_EACH(WHAT, LOOP) \
     if (WHAT == DETERMINANT) { LOOP(DETERMINANT) } else if (WHAT == SMALLEST) { LOOP(SMALLEST) } else { LOOP(INVERSE_CONDITION) }
 
 void rpr3_conditioning(size_t n, int what, const double *size, const double *restrict p, double *restrict out) {
-#define LOOP(W) _Pragma("omp simd") for (size_t i = 0; i < n; i++) \
-        out[i] = rpr3_at(W, size, p[i], p[n + i], cos(p[2 * n + i]), sin(p[2 * n + i]));
-    FOR_EACH(what, LOOP)
+    double c[BLOCK], s[BLOCK];
+    for (size_t o = 0; o < n; o += BLOCK) {
+        size_t m = n - o < BLOCK ? n - o : BLOCK;
+        turn(m, p + 2 * n + o, c, s);
+#define LOOP(W) _Pragma("omp simd") for (size_t i = 0; i < m; i++) out[o + i] = rpr3_at(W, size, p[o + i], p[n + o + i], c[i], s[i]);
+        FOR_EACH(what, LOOP)
 #undef LOOP
+    }
 }
 
 void rpr3_conditioning_grid(size_t nx, size_t ny, size_t np, int what, const double *size, const double *restrict x,
@@ -279,22 +294,22 @@ void tlpm_conditioning_grid(size_t nx, size_t ny, size_t nz, int what, const dou
 enum { W = 8, N = 6 };
 typedef double lanes __attribute__((vector_size(8 * W)));
 
-static inline lanes roots(lanes x) {
+INLINE lanes roots(lanes x) {
     for (int l = 0; l < W; l++) x[l] = sqrt(x[l]);
     return x;
 }
-static inline lanes all(double x) { return x - (lanes){0}; }
-static inline lanes signed_as(lanes x, lanes like) {
+INLINE lanes all(double x) { return x - (lanes){0}; }
+INLINE lanes signed_as(lanes x, lanes like) {
     for (int l = 0; l < W; l++) x[l] = like[l] < 0 ? -x[l] : x[l];
     return x;
 }
-static inline lanes magnitude(lanes x) { return signed_as(x, x); }
-static inline lanes positive(lanes x, double other) {
+INLINE lanes magnitude(lanes x) { return signed_as(x, x); }
+INLINE lanes positive(lanes x, double other) {
     for (int l = 0; l < W; l++) x[l] = x[l] > 0 ? x[l] : other;
     return x;
 }
 
-static inline lanes laguerre(lanes x, const lanes *q, const lanes *e) {
+INLINE lanes laguerre(lanes x, const lanes *q, const lanes *e) {
     lanes t = -x, slope = all(-1), bend = all(0), first = all(0), second = all(0);
     for (int i = 0; i < N; i++) {
         lanes r = 1 / (q[i] + t), ratio = slope * r;
@@ -320,7 +335,7 @@ static lanes limit(lanes x, const lanes *q, const lanes *e) {
     return x;
 }
 
-static inline lanes reflect(lanes *v, int n, lanes *square) {
+INLINE lanes reflect(lanes *v, int n, lanes *square) {
     lanes s = all(0);
     for (int i = 0; i < n; i++) s += v[i] * v[i];
     lanes length = roots(s), half = s + length * magnitude(v[0]);
@@ -364,7 +379,7 @@ static void of_six(lanes a[N][N], int both, lanes *low, lanes *high) {
 typedef struct { lanes x2[3], h2[3], x3[3], h3[3]; } slopes;
 
 /* d(rho2y, -rho2z, -rho3y, -rho3z) by phi, theta, sigma. */
-static inline slopes slopes_at(lanes cp, lanes sp, lanes ct, lanes st, lanes cs, lanes ss) {
+INLINE slopes slopes_at(lanes cp, lanes sp, lanes ct, lanes st, lanes cs, lanes ss) {
     lanes zero = all(0), r11 = ct * cs, r12 = -ct * ss, r31 = sp * ss - cp * st * cs, r32 = cp * st * ss + sp * cs;
     lanes one[3] = {zero, -st * cs, r12}, two[3] = {zero, st * ss, -r11};
     lanes low1[3] = {cp * ss + sp * st * cs, -cp * ct * cs, r32}, low2[3] = {cp * cs - sp * st * ss, cp * ct * ss, -r31};
@@ -376,11 +391,11 @@ static inline slopes slopes_at(lanes cp, lanes sp, lanes ct, lanes st, lanes cs,
     return f;
 }
 
-static inline lanes three(const lanes *a, const lanes *b, const lanes *c) {
+INLINE lanes three(const lanes *a, const lanes *b, const lanes *c) {
     return a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0]);
 }
 
-static inline lanes ppps3_at(int what, lanes cp, lanes sp, lanes ct, lanes st, lanes cs, lanes ss) {
+INLINE lanes ppps3_at(int what, lanes cp, lanes sp, lanes ct, lanes st, lanes cs, lanes ss) {
     slopes f = slopes_at(cp, sp, ct, st, cs, ss);
     if (what == DETERMINANT) return -16 * (three(f.h2, f.x3, f.h3) + three(f.x2, f.h2, f.h3));
     lanes zero = all(0), one = all(1), low, high;
@@ -406,11 +421,7 @@ void ppps3_conditioning(size_t n, int what, const double *restrict p, double *re
     const double *rows[6] = {turns[0], turns[1], turns[2], turns[3], turns[4], turns[5]};
     for (size_t o = 0; o < n; o += BLOCK) {
         size_t m = n - o < BLOCK ? n - o : BLOCK;
-        for (int k = 0; k < 3; k++) {
-            const double *angle = p + (3 + k) * n + o;
-#pragma omp simd
-            for (size_t i = 0; i < m; i++) turns[2 * k][i] = cos(angle[i]), turns[2 * k + 1][i] = sin(angle[i]);
-        }
+        for (int k = 0; k < 3; k++) turn(m, p + (3 + k) * n + o, turns[2 * k], turns[2 * k + 1]);
         ppps3_turned(m, what, rows, out + o);
     }
 }
