@@ -109,7 +109,7 @@ class TLPM(Mechanism):
     def _base_once(self) -> tuple[tuple[Array, Array], ...]:
         """Returns the points for kernels, of which every loop over samples would otherwise take sines and cosines."""
         kept = materialise(*(coordinate for point in self.base_points() for coordinate in point))
-        return kept[0:2], kept[2:4], kept[4:6]
+        return tuple(zip(kept[::2], kept[1::2], strict=True))
 
     def characteristic_length(self) -> Array:
         """Returns sqrt(L^2 + h^2), the length of a limb in the initial configuration."""

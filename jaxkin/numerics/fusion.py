@@ -21,7 +21,7 @@ def materialise(*arrays: Array) -> tuple[Array, ...]:
 
 
 def reciprocal(x: Array) -> Array:
-    """Returns 1 / x to a unit in the last place, by multiplications that XLA fuses; NaN, or nonsense, at 0 and infinity.
+    """Returns 1 / x to a unit in the last place, by multiplications that XLA fuses; nonsense at 0 and infinity.
 
     XLA on a CPU ends a loop at every division and every root that is used twice. This is no slower than either in
     vector instructions, and lets a kernel of one output run in one loop.
@@ -34,7 +34,9 @@ def reciprocal(x: Array) -> Array:
 @jax.custom_jvp
 def _reciprocal(x: Array) -> Array:
     # The exponent changed in sign, the mantissa roughly inverted: wrong by an eighth at most.
-    guess = jax.lax.bitcast_convert_type(jnp.int64(0x7FDE623822FC16E6) - jax.lax.bitcast_convert_type(x, jnp.int64), x.dtype)
+    guess = jax.lax.bitcast_convert_type(
+        jnp.int64(0x7FDE623822FC16E6) - jax.lax.bitcast_convert_type(x, jnp.int64), x.dtype
+    )
     for _ in range(2):
         off = 1 - x * guess
         guess = guess * ((1 + off) * (1 + off * off))
@@ -70,12 +72,5 @@ def power_of_two(x: Array) -> tuple[Array, Array]:
         scale = jax.lax.stop_gradient(jnp.exp2(jnp.floor(jnp.log2(x))))
         return scale, 1 / scale
     exponent = jax.lax.bitcast_convert_type(jax.lax.stop_gradient(x), jnp.int64) & jnp.int64(0x7FF0000000000000)
-    return tuple(
-        jax.lax.bitcast_convert_type(bits, x.dtype) for bits in (exponent, jnp.int64(0x7FE0000000000000) - exponent)
-    )
-
-
-@_inverse_root.defjvp
-def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
-    root = inverse_root(*primals)
-    return root, -0.5 * root * root * root * tangents[0]
+    opposite = jnp.int64(0x7FE0000000000000) - exponent
+    return jax.lax.bitcast_convert_type(exponent, x.dtype), jax.lax.bitcast_convert_type(opposite, x.dtype)

@@ -4,8 +4,8 @@ Nothing is stacked and nothing is called for each sample, so that all of it runs
 right to a few units in the last place of the largest one, also where singular values coincide.
 
 References:
-    Parlett, B. N., 1964, "Laguerre's method applied to the matrix eigenvalue problem"; Fernando, K. V. and Parlett, B. N.,
-    1994, "Accurate singular values and differential qd algorithms" (the stationary transformation).
+    Parlett, B. N., 1964, "Laguerre's method applied to the matrix eigenvalue problem"; Fernando, K. V. and Parlett,
+    B. N., 1994, "Accurate singular values and differential qd algorithms" (the stationary transformation).
 """
 
 import math
@@ -69,7 +69,7 @@ def _of_three(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     """
     scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), _LEAST)
     scale, shrink = power_of_two(scale)
-    x, y, z = (tuple(entry * shrink for entry in row) for row in rows)
+    x, y, z = ((row[0] * shrink, row[1] * shrink, row[2] * shrink) for row in rows)
     g00, g11, g22, g01, g02, g12 = dot(x, x), dot(y, y), dot(z, z), dot(x, y), dot(x, z), dot(y, z)
     mean = (g00 + g11 + g22) * (1 / 3)
     d0, d1, d2 = g00 - mean, g11 - mean, g22 - mean
@@ -184,7 +184,7 @@ def _of_many(rows: Rows) -> tuple[Array, Array]:
 
 @_of_many.defjvp
 def _of_many_jvp(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """d sigma = u . dM v, from all singular vectors: derivatives may cost what LAPACK costs."""
+    """D sigma = u . dM v, from all singular vectors: derivatives may cost what LAPACK costs."""
     matrix, change = small_linalg.stacked(primals[0]), small_linalg.stacked(tangents[0])
     left, _, right = jnp.linalg.svd(matrix, full_matrices=False)
     slopes = jnp.einsum("...ik,...ij,...kj->...k", left, change, right)
@@ -222,7 +222,7 @@ def _bidiagonal(a: list[list[Array]]) -> tuple[list[Array], list[Array]]:
 
 def _reflection(x: Sequence[Array]) -> tuple[Array, Array, Array]:
     """Returns |x|^2, and the reflection 1 - v v^T / c that makes x a multiple of the first axis: v[0] and 1 / c."""
-    square = sum(entry * entry for entry in x)
+    square = jnp.asarray(sum(entry * entry for entry in x))
     length = jnp.sqrt(square)
     half = square + length * jnp.abs(x[0])
     inverse = 1 / jnp.where(half > 0, half, 1.0)

@@ -1,4 +1,4 @@
-"""Conditioning over the workspace and interference on one core, against NumPy, numba and C: in cache and into fresh memory."""
+"""Conditioning over the workspace and interference on one core, against NumPy, numba and C."""
 
 from collections.abc import Callable
 
@@ -59,7 +59,7 @@ def tlpm_size(robot: jk.Mechanism) -> np.ndarray:
 
 
 def _measure(name: str, robot, size: np.ndarray | None, what: int, field: str) -> list[Metric]:
-    rng, stem = np.random.default_rng(what), name.replace("3-", "").lower().replace("rpr", "rpr3").replace("ppps", "ppps3")
+    rng, stem = np.random.default_rng(what), {"3-RPR": "rpr3", "TLPM": "tlpm", "3-PPPS": "ppps3"}[name]
     fixed = {axis.name: 0.1 for axis in robot.pose_axes}
     grid = jk.Grid(**(fixed | GRIDS[name]))
     axes = [np.linspace(*interval) for interval in GRIDS[name].values()]
@@ -158,7 +158,9 @@ INTERFERENCE = Field(
     name="interference",
     domain="joints",
     variables=lambda robot: (
-        Variable("interference", "float64", "mm", "p, clearance", (("mode", (0, 1)), ("entry", ("x", "y", "z", "clearance")))),
+        Variable(
+            "interference", "float64", "mm", "p and clearance", (("mode", (0, 1)), ("entry", ("x", "y", "z", "least")))
+        ),
     ),
     kernel=_interference_kernel,
     block=lambda robot: 1 << 12,

@@ -53,7 +53,11 @@ if numba is not None:
         e0 = d0 * d0 + g01 * g01 + g02 * g02 - 2 - c * d0
         e1 = g01 * g01 + d1 * d1 + g12 * g12 - 2 - c * d1
         e2 = g02 * g02 + g12 * g12 + d2 * d2 - 2 - c * d2
-        e01, e02, e12 = (d0 + d1 - c) * g01 + g02 * g12, (d0 + d2 - c) * g02 + g01 * g12, (d1 + d2 - c) * g12 + g01 * g02
+        e01, e02, e12 = (
+            (d0 + d1 - c) * g01 + g02 * g12,
+            (d0 + d2 - c) * g02 + g01 * g12,
+            (d1 + d2 - c) * g12 + g01 * g02,
+        )
         e = e0 * e0 + e1 * e1 + e2 * e2 + 2 * (e01 * e01 + e02 * e02 + e12 * e12)
         root = math.sqrt(2 + 2 * abs(c))
         large, small = 0.5 * root, math.sqrt(e / 6) / root
@@ -119,7 +123,11 @@ if numba is not None:
         x2, y2, m2 = _leg(size, 2, x, y, c, s)
         if what == 0:
             return 8 * _det(x0, y0, m0, x1, y1, m1, x2, y2, m2)
-        i0, i1, i2 = 1 / math.sqrt(x0 * x0 + y0 * y0), 1 / math.sqrt(x1 * x1 + y1 * y1), 1 / math.sqrt(x2 * x2 + y2 * y2)
+        i0, i1, i2 = (
+            1 / math.sqrt(x0 * x0 + y0 * y0),
+            1 / math.sqrt(x1 * x1 + y1 * y1),
+            1 / math.sqrt(x2 * x2 + y2 * y2),
+        )
         unit = 1 / size[12]
         low, high = _of_three(
             x0 * i0, y0 * i0, m0 * i0 * unit, x1 * i1, y1 * i1, m1 * i1 * unit, x2 * i2, y2 * i2, m2 * i2 * unit
