@@ -66,6 +66,12 @@ def _inverse_root(x: Array) -> Array:
     return guess + guess * (0.5 - 0.5 * (x * guess) * guess)
 
 
+@_inverse_root.defjvp
+def _inverse_root_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    root = inverse_root(*primals)
+    return root, -0.5 * root * root * root * tangents[0]
+
+
 def power_of_two(x: Array) -> tuple[Array, Array]:
     """Returns the power of two below x > 0 and its inverse, exact: a scale that costs no division."""
     if x.dtype != jnp.float64:
