@@ -105,6 +105,9 @@ class Mechanism:
     ``frame_kernel(joints) -> tuple[Lane, ...]`` (spatial robots: position and rotation matrix) and
     ``count_kernel(joints) -> Count`` (forward solutions, counted without solving). A kernel neither
     checks finite input nor applies limits; the caller in ``kinematics`` does that once for all.
+
+    ``jacobian_kernel(pose, joints) -> (rows of A, diagonal of B)``, likewise elementwise, is for mechanisms of which
+    each equation holds one joint; without it both Jacobians come from the constraints by autodiff.
     """
 
     id: ClassVar[str] = ""
@@ -126,6 +129,7 @@ class Mechanism:
     forward_kernel: Callable[..., tuple[Lane, ...]] | None = None
     frame_kernel: Callable[..., tuple[Lane, ...]] | None = None
     count_kernel: Callable[..., Count] | None = None
+    jacobian_kernel: Callable[..., tuple[Any, Any]] | None = None
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns the residuals F(pose, joints), ``(n,)``, zero where the mechanism closes."""

@@ -1,6 +1,7 @@
 """How far from singular: determinant, smallest singular value, condition number."""
 
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple, TypeAlias
 
 import jax
 import jax.numpy as jnp
@@ -10,8 +11,13 @@ from jax.typing import ArrayLike
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.kinematics.boundary import checked_configuration
 from jaxkin.kinematics.jacobian import raw_jacobians
-from jaxkin.numerics import small_linalg
+from jaxkin.numerics import singular_values, small_linalg
+from jaxkin.numerics.fusion import reciprocal
 from jaxkin.numerics.implicit import solve_linear
+
+Coordinates: TypeAlias = tuple[Array, ...]
+#: Rows of a matrix of which each entry is an array, or a number.
+Entries: TypeAlias = Sequence[Sequence[Array]]
 
 
 class Conditioning(NamedTuple):
@@ -54,17 +60,46 @@ def _conditioning(robot: Mechanism, pose: Array, joints: Array) -> Conditioning:
 
 def raw_conditioning(robot: Mechanism, pose: Array, joints: Array) -> Conditioning:
     """Returns the measures without checks, for use inside other kernels."""
-    direct, inverse = raw_jacobians(robot, pose, joints)
+    return elementwise_conditioning(robot, tuple(pose), tuple(joints))
+
+
+def elementwise_conditioning(robot: Mechanism, pose: Coordinates, joints: Coordinates) -> Conditioning:
+    """Returns the measures for coordinates that are arrays of broadcastable shapes."""
+    direct, rates = _direct_and_rates(robot, pose, joints)
     length = robot.characteristic_length()
-    rates = jax.vmap(lambda column: solve_linear(inverse, column), in_axes=1, out_axes=1)(-direct)
-    rates = rates * scale_vector(robot.pose_axes, length)[None] / scale_vector(robot.joint_axes, length)[:, None]
-    if rates.shape == (3, 3):
-        rows = tuple(tuple(rates[i, j] for j in range(3)) for i in range(3))
-        smallest, largest = small_linalg.singular_extremes(rows)  # type: ignore[arg-type]
-        matrix = tuple(tuple(direct[i, j] for j in range(3)) for i in range(3))
-        determinant = small_linalg.determinant(matrix)  # type: ignore[arg-type]
-    else:
-        singular_values = jnp.linalg.svd(rates, compute_uv=False)
-        smallest, largest = singular_values[-1], singular_values[0]
-        determinant = small_linalg.any_determinant(direct)
-    return Conditioning(determinant, smallest, smallest / largest)
+    pose_units, joint_units = (scale_vector(axes, length) for axes in (robot.pose_axes, robot.joint_axes))
+    scaled = [[r * (pose_units[j] / joint_units[i]) for j, r in enumerate(row)] for i, row in enumerate(rates)]
+    smallest, largest = singular_values.extremes(scaled)
+    return Conditioning(_determinant(direct), smallest, smallest / largest)
+
+
+def elementwise_determinant(robot: Mechanism, pose: Coordinates, joints: Coordinates) -> Array:
+    """Returns det dF/dpose alone, likewise."""
+    return _determinant(_direct_and_rates(robot, pose, joints)[0])
+
+
+def _direct_and_rates(robot: Mechanism, pose: Coordinates, joints: Coordinates) -> tuple[Entries, Entries]:
+    """Returns the rows of dF/dpose, and those of dq/dx = -B^-1 A."""
+    if robot.jacobian_kernel is not None:
+        direct, diagonal = robot.jacobian_kernel(pose, joints)
+        slower = [-reciprocal(jnp.asarray(entry, float)) for entry in diagonal]
+        return direct, [[entry * factor for entry in row] for row, factor in zip(direct, slower, strict=True)]
+    shape = jnp.broadcast_shapes(*(jnp.shape(a) for a in (*pose, *joints)))
+    vectors = [jnp.stack([jnp.broadcast_to(a, shape).reshape(-1) for a in group]) for group in (pose, joints)]
+    matrices = jax.vmap(lambda x, q: _matrices(robot, x, q), in_axes=1)(*vectors)
+    n = len(pose)
+    direct, rates = ([[m[:, i, j].reshape(shape) for j in range(n)] for i in range(n)] for m in matrices)
+    return direct, rates
+
+
+def _matrices(robot: Mechanism, pose: Array, joints: Array) -> tuple[Array, Array]:
+    direct, inverse = raw_jacobians(robot, pose, joints)
+    return direct, jax.vmap(lambda column: solve_linear(inverse, column), in_axes=1, out_axes=1)(-direct)
+
+
+def _determinant(rows: Entries) -> Array:
+    if len(rows) <= small_linalg.LARGEST_EXPANDED:
+        return small_linalg.expanded_rows(rows)
+    shape = jnp.broadcast_shapes(*(jnp.shape(entry) for row in rows for entry in row))
+    full = tuple(tuple(jnp.broadcast_to(entry, shape) for entry in row) for row in rows)
+    return jnp.linalg.det(small_linalg.stacked(full))

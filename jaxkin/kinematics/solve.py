@@ -109,9 +109,13 @@ LARGEST = 1e60
 def _nothing_to_say(robot: Mechanism, given: tuple[Array, ...]) -> tuple[Array, Array]:
     """Returns where the input or the geometry is bad, and the status that says which."""
     finite = jnp.asarray(True)
+    # In float32 the bound would be infinite, and let infinity pass.
+    largest = min(LARGEST, float(jnp.finfo(jnp.result_type(float)).max) ** 0.2)
     for value in given:
-        finite = finite & (jnp.abs(value) <= LARGEST)
-    geometry = robot.geometry_ok()
+        finite = finite & (jnp.abs(value) <= largest)
+    # Kept, or every loop over samples would look at the geometry again, sines of its angles included.
+    (fine,) = materialise(jnp.where(robot.geometry_ok(), 1.0, 0.0))
+    geometry = fine > 0.5
     return ~(finite & geometry), jnp.where(geometry, Status.INVALID_INPUT, Status.INVALID_GEOMETRY)
 
 
@@ -121,6 +125,7 @@ def _masked(lanes: tuple[Lane, ...], outside: Array, bad: Array, status: Array) 
     why = jnp.where(bad, jnp.asarray(status, jnp.int8), jnp.int8(Status.OUTSIDE_LIMITS))
     # One sum for each entry: the tests above would otherwise be made again for each.
     (nothing,) = materialise(jnp.where(gone, jnp.nan, 0.0))
+    gone = jnp.isnan(nothing)
     return tuple(
         Lane(
             values=tuple(value + nothing for value in lane.values),

@@ -42,6 +42,7 @@ from jaxkin.mechanisms._spatial_poses import (
 from jaxkin.numerics import rotations
 from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.small_linalg import Matrix3
+from jaxkin.numerics.trigonometry import cos_sin
 
 _SQRT3 = math.sqrt(3.0)
 PASSIVE = ("rho1x", "rho2x", "rho3x")
@@ -133,7 +134,7 @@ class PPPS3(Mechanism):
         """Returns the one set of joints (Eqs. (20)-(24)); it is never singular."""
         x, y, z, phi, theta, sigma = pose
         # Each of the four results would otherwise compute the sines again, and a grid each of them at every sample.
-        turns = materialise(*(turn(angle) for angle in (phi, theta, sigma) for turn in (jnp.cos, jnp.sin)))
+        turns = materialise(*(entry for angle in (phi, theta, sigma) for entry in cos_sin(angle)))
         x2, x3, h2, h3 = self._halves(rotations.xyz_product(*turns))
         values = (y, z, x2 - x, z - h2, x - x3, z - h3)
         shape = jnp.broadcast_shapes(*(jnp.shape(value) for value in values))
@@ -145,6 +146,29 @@ class PPPS3(Mechanism):
                 residual=jnp.zeros(shape),
             ),
         )
+
+    def jacobian_kernel(
+        self, pose: tuple[Array, ...], joints: tuple[Array, ...]
+    ) -> tuple[tuple[tuple[Any, ...], ...], tuple[float, ...]]:
+        """Returns dF/dpose, numbers but for what the angles do, and the diagonal of dF/djoints, all numbers."""
+        del joints
+        cp, sp, ct, st, cs, ss = materialise(*(entry for angle in pose[3:] for entry in cos_sin(angle)))
+        (r11, r12, _), _, (r31, r32, _) = rotations.xyz_product(cp, sp, ct, st, cs, ss)
+        # d(R11, R12) and d(R31, R32) by phi, theta and sigma.
+        top = ((0.0, 0.0), (-st * cs, st * ss), (r12, -r11))
+        bottom = ((cp * ss + sp * st * cs, cp * cs - sp * st * ss), (-cp * ct * cs, cp * ct * ss), (r32, -r31))
+        long, short = self.side * _SQRT3, self.side * self.mirror
+        x2, x3 = ((0.0, *(long * one + sign * short * two for one, two in top[1:])) for sign in (1.0, -1.0))
+        h2, h3 = (tuple(long * one + sign * short * two for one, two in bottom) for sign in (1.0, -1.0))
+        rows = (
+            (0.0, -1.0, 0.0, 0.0, 0.0, 0.0),
+            (0.0, 0.0, -1.0, 0.0, 0.0, 0.0),
+            (-2.0, 0.0, 0.0, *x2),
+            (0.0, 0.0, -2.0, *h2),
+            (-2.0, 0.0, 0.0, *x3),
+            (0.0, 0.0, -2.0, *h3),
+        )
+        return rows, (1.0, 1.0, -2.0, 2.0, 2.0, 2.0)
 
     def forward_kernel(self, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the four assembly modes by the signs of (R22, R33); see ``_ppps3_forward``."""

@@ -27,6 +27,8 @@ from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general, rpr3_closed_forms
 from jaxkin.mechanisms._geometry import batch_limits, leaves
 from jaxkin.mechanisms.catalogue import CATALOGUE
+from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.trigonometry import cos_sin
 
 Point = tuple[Array, Array]
 
@@ -59,19 +61,30 @@ class _PlanarRPR3(Mechanism):
         own = np.array(self.platform_points(), dtype=float)
         return np.array(self.base_points(), dtype=float), own @ turn.T + (x, y)
 
-    def _squared_lengths(self, pose: tuple[Array, ...]) -> tuple[Array, ...]:
-        x, y, phi = pose
-        cos, sin = jnp.cos(phi), jnp.sin(phi)
-        squares = []
+    def _legs(self, x: Array, y: Array, cos: Array, sin: Array) -> list[tuple[Array, Array, Array]]:
+        """Returns of each leg both components, and their moment about B1: half the derivative by phi."""
+        legs = []
         for (ax, ay), (bx, by) in zip(self.base_points(), self.platform_points(), strict=True):
-            dx, dy = x + bx * cos - by * sin - ax, y + bx * sin + by * cos - ay
-            squares.append(dx * dx + dy * dy)
-        return tuple(squares)
+            armx, army = bx * cos - by * sin, bx * sin + by * cos
+            dx, dy = x + armx - ax, y + army - ay
+            legs.append((dx, dy, dy * armx - dx * army))
+        return legs
+
+    def _legs_once(self, pose: tuple[Array, ...]) -> list[tuple[Array, Array, Array]]:
+        """Returns the legs for kernels, of which each result would otherwise compute sine and cosine again."""
+        return self._legs(pose[0], pose[1], *materialise(*cos_sin(pose[2])))
+
+    def jacobian_kernel(
+        self, pose: tuple[Array, ...], joints: tuple[Array, ...]
+    ) -> tuple[tuple[tuple[Array, ...], ...], tuple[Array, ...]]:
+        """Returns dF/dpose and the diagonal of dF/djoints."""
+        rows = tuple((2 * dx, 2 * dy, 2 * moment) for dx, dy, moment in self._legs_once(pose))
+        return rows, tuple(-2 * q for q in joints)
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns |B_i - A_i|^2 - rho_i^2, ``(3,)`` (Wenger and Chablat 2009, Eqs. (1)-(3))."""
-        squares = self._squared_lengths((pose[0], pose[1], pose[2]))
-        return jnp.stack(squares) - joints * joints
+        legs = self._legs(pose[0], pose[1], jnp.cos(pose[2]), jnp.sin(pose[2]))
+        return jnp.stack([dx * dx + dy * dy for dx, dy, _ in legs]) - joints * joints
 
     def constraint_scales(self, pose: Array, joints: Array) -> Array:
         """Returns rho_i^2 + L^2, ``(3,)``, with the characteristic length L."""
@@ -86,7 +99,7 @@ class _PlanarRPR3(Mechanism):
     def inverse_kernel(self, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the three positive lengths; a leg of zero length is a serial singularity."""
         x, y, _ = pose
-        squares = self._squared_lengths(pose)
+        squares = [dx * dx + dy * dy for dx, dy, _ in self._legs_once(pose)]
         zero = TOLERANCES.inverse_singular * (self.characteristic_length() + jnp.abs(x) + jnp.abs(y))
         singular = jnp.zeros(jnp.shape(x), bool)
         for square in squares:

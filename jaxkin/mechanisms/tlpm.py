@@ -47,6 +47,7 @@ from jaxkin.mechanisms._tlpm_wrist import (
     links,
     wrist_angles,
 )
+from jaxkin.numerics.fusion import materialise
 from jaxkin.numerics.spheres import Shells
 
 Numbers: TypeAlias = ArrayLike | Sequence[Any]
@@ -105,6 +106,11 @@ class TLPM(Mechanism):
         cos, sin = jnp.cos(self.limb_angles), jnp.sin(self.limb_angles)
         return tuple((self.base_radius * cos[..., k], self.base_radius * sin[..., k]) for k in range(3))
 
+    def _base_once(self) -> tuple[tuple[Array, Array], ...]:
+        """Returns the points for kernels, of which every loop over samples would otherwise take sines and cosines."""
+        kept = materialise(*(coordinate for point in self.base_points() for coordinate in point))
+        return tuple(zip(kept[::2], kept[1::2], strict=True))
+
     def characteristic_length(self) -> Array:
         """Returns sqrt(L^2 + h^2), the length of a limb in the initial configuration."""
         return jnp.sqrt(self.base_radius**2 + self.height**2)
@@ -127,15 +133,15 @@ class TLPM(Mechanism):
         """Returns the limbs' lengths L_i0 + l_i."""
         return tuple(self.initial_lengths[k] + joints[k] for k in range(3))
 
-    def _squares(self, pose: tuple[Array, ...]) -> tuple[Array, ...]:
+    def _squares(self, pose: tuple[Array, ...], base: tuple[tuple[Array, Array], ...]) -> tuple[Array, ...]:
         x, y, z = pose
         w = z + self.height
-        return tuple((x - qx) * (x - qx) + (y - qy) * (y - qy) + w * w for qx, qy in self.base_points())
+        return tuple((x - qx) * (x - qx) + (y - qy) * (y - qy) + w * w for qx, qy in base)
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns |p - q_i|^2 - (L_i0 + l_i)^2, ``(3,)``, mm^2 (Eq. (2) squared)."""
         lengths = self.initial_lengths + joints
-        return jnp.stack(self._squares((pose[0], pose[1], pose[2]))) - lengths * lengths
+        return jnp.stack(self._squares((pose[0], pose[1], pose[2]), self.base_points())) - lengths * lengths
 
     def constraint_scales(self, pose: Array, joints: Array) -> Array:
         """Returns (L_i0 + l_i)^2 + L^2 + h^2, ``(3,)``."""
@@ -144,7 +150,7 @@ class TLPM(Mechanism):
 
     def inverse_kernel(self, pose: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the strokes |p - q_i| - L_i0; a limb of zero length is a serial singularity."""
-        squares = self._squares(pose)
+        squares = self._squares(pose, self._base_once())
         zero = TOLERANCES.inverse_singular * (self.characteristic_length() + sum(map(jnp.abs, pose)))
         singular = jnp.zeros(jnp.shape(squares[0]), bool)
         for square in squares:
@@ -158,6 +164,14 @@ class TLPM(Mechanism):
             ),
         )
 
+    def jacobian_kernel(
+        self, pose: tuple[Array, ...], joints: tuple[Array, ...]
+    ) -> tuple[tuple[tuple[Array, ...], ...], tuple[Array, ...]]:
+        """Returns dF/dp, rows 2 (p - q_i), and the diagonal of dF/dl, -2 (L_i0 + l_i)."""
+        x, y, z = pose
+        rows = tuple((2 * (x - qx), 2 * (y - qy), 2 * (z + self.height)) for qx, qy in self._base_once())
+        return rows, tuple(-2 * length for length in self.lengths(joints))
+
     def _solved(self, joints: tuple[Array, ...]) -> tuple[Array, Array, Array, Array, Array]:
         """Returns x, y, (z + h)^2 (0 within its blur), where that is close to zero, and where all lengths are positive.
 
@@ -166,7 +180,7 @@ class TLPM(Mechanism):
         l_i)^2.
         """
         r1, r2, r3 = self.lengths(joints)
-        (x1, y1), (x2, y2), (x3, y3) = self.base_points()
+        (x1, y1), (x2, y2), (x3, y3) = self._base_once()
         # |q_i| = L for all i, so the constant terms cancel.
         g2, g3 = (r2 - r1) * (r2 + r1) / 2, (r3 - r1) * (r3 + r1) / 2
         ax, ay, bx, by = x1 - x2, y1 - y2, x1 - x3, y1 - y3
@@ -213,7 +227,7 @@ class TLPM(Mechanism):
         x, y, w = point
         worst = jnp.zeros_like(x)
         size = self.base_radius**2 + self.height**2
-        for (qx, qy), r in zip(self.base_points(), self.lengths(joints), strict=True):
+        for (qx, qy), r in zip(self._base_once(), self.lengths(joints), strict=True):
             off = jnp.abs((x - qx) * (x - qx) + (y - qy) * (y - qy) + w * w - r * r)
             worst = jnp.maximum(worst, off / (r * r + size))
         return worst

@@ -3,6 +3,7 @@
 3x3 matrices are nested tuples of arrays, for the hot kernels; the last functions take ``(n, n)`` arrays of any small n.
 """
 
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import jax.numpy as jnp
@@ -55,37 +56,20 @@ def solve(m: Matrix3, b: Vector3) -> Vector3:
     return (x[0], x[1], x[2])
 
 
-def largest_singular_value(m: Matrix3) -> Array:
-    """Returns the largest singular value, to 1e-15, and to 1e-8 of itself where it is nearly double.
-
-    The largest eigenvalue of m m^T by the trigonometric formula, whose arccosine loses half of its digits where two
-    eigenvalues meet.
-    """
-    scale = jnp.maximum(sum(jnp.abs(entry) for row in m for entry in row), jnp.finfo(float).tiny)
-    n = tuple(tuple(entry / scale for entry in row) for row in m)
-    g00, g11, g22 = dot(n[0], n[0]), dot(n[1], n[1]), dot(n[2], n[2])  # type: ignore[arg-type]
-    g01, g02, g12 = dot(n[0], n[1]), dot(n[0], n[2]), dot(n[1], n[2])  # type: ignore[arg-type]
-    mean = (g00 + g11 + g22) / 3
-    d0, d1, d2 = g00 - mean, g11 - mean, g22 - mean
-    spread = jnp.sqrt((d0 * d0 + d1 * d1 + d2 * d2 + 2 * (g01 * g01 + g02 * g02 + g12 * g12)) / 6)
-    safe = jnp.where(spread > 0, spread, 1.0)
-    half_det = (d0 * (d1 * d2 - g12 * g12) - g01 * (g01 * d2 - g12 * g02) + g02 * (g01 * g12 - d1 * g02)) / (
-        2 * safe**3
-    )
-    angle = jnp.arccos(jnp.clip(half_det, -1.0, 1.0)) / 3
-    return scale * jnp.sqrt(jnp.maximum(mean + 2 * spread * jnp.cos(angle), 0.0))
+def length(v: tuple[Array, ...]) -> Array:
+    """Returns the length of a vector; its derivative at the null vector is zero."""
+    square = sum(entry * entry for entry in v)
+    there = square > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
 
 
-def singular_extremes(m: Matrix3) -> tuple[Array, Array]:
-    """Returns the smallest and the largest singular value, both to relative accuracy of their scale.
+def stacked(rows: tuple[tuple[Array, ...], ...]) -> Array:
+    """Returns a matrix of arrays of one shape as one array ``(..., n, n)``."""
+    return jnp.stack([jnp.stack(row, axis=-1) for row in rows], axis=-2)
 
-    sigma_min = |det| / (sigma_1 sigma_2), and sigma_1 sigma_2 is the largest singular value of the cofactor matrix:
-    the smallest one keeps its digits near a singularity, where the root of an eigenvalue loses half of them.
-    """
-    middle = largest_singular_value(cofactors(m))
-    det = jnp.abs(determinant(m))
-    smallest = jnp.where(middle > 0, det / jnp.where(middle > 0, middle, 1.0), 0.0)
-    return smallest, largest_singular_value(m)
+
+#: An expansion of more rows would take longer than a factorisation.
+LARGEST_EXPANDED = 8
 
 
 def expanded_determinant(matrix: Array) -> Array:
@@ -95,23 +79,29 @@ def expanded_determinant(matrix: Array) -> Array:
     those of a factorisation are not. Meant for n <= 8.
     """
     n = matrix.shape[0]
-    minors: dict[int, Array] = {0: jnp.ones((), matrix.dtype)}
-    for row in range(n):
+    return expanded_rows([[matrix[i, j] for j in range(n)] for i in range(n)])
+
+
+def expanded_rows(rows: Sequence[Sequence[Array]]) -> Array:
+    """Returns the determinant of rows of arrays by expansion, elementwise; a number 0 among them costs nothing."""
+    n = len(rows)
+    minors: dict[int, Array] = {0: jnp.ones(())}
+    for row in rows:
         wider: dict[int, Array] = {}
         for columns, minor in minors.items():
-            for column in range(n):
-                if not columns >> column & 1:
+            for column, entry in enumerate(row):
+                if not columns >> column & 1 and not (isinstance(entry, float) and entry == 0):
                     # Columns to the right that are taken already: the transpositions to sort this one in.
                     sign = -1.0 if (columns >> (column + 1)).bit_count() % 2 else 1.0
                     key = columns | 1 << column
-                    wider[key] = wider.get(key, 0.0) + sign * matrix[row, column] * minor  # type: ignore[operator]
+                    wider[key] = wider.get(key, 0.0) + sign * entry * minor  # type: ignore[operator]
         minors = wider
-    return minors[(1 << n) - 1]
+    return minors.get((1 << n) - 1, jnp.zeros(()))
 
 
 def any_determinant(matrix: Array) -> Array:
     """Returns the determinant of an ``(n, n)`` matrix: by expansion up to n = 8, by factorisation beyond."""
-    return expanded_determinant(matrix) if matrix.shape[0] <= 8 else jnp.linalg.det(matrix)
+    return expanded_determinant(matrix) if matrix.shape[0] <= LARGEST_EXPANDED else jnp.linalg.det(matrix)
 
 
 def null_vector(matrix: Array) -> Array:

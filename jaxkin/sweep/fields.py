@@ -15,7 +15,7 @@ from jax import Array
 from jaxkin.core.branches import Lane
 from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism
-from jaxkin.kinematics.singularity import raw_conditioning
+from jaxkin.kinematics.singularity import elementwise_conditioning, elementwise_determinant
 from jaxkin.kinematics.solve import forward_lanes, frame_lanes, inside_limits, inverse_lanes
 
 Coordinates = tuple[Array, ...]
@@ -278,7 +278,12 @@ inverse_branches = Field(
 
 
 def _per_working_mode(
-    name: str, unit: str, long_name: str, measure: Callable[[Mechanism, Array, Array], Array], **attrs: Any
+    name: str,
+    unit: str,
+    long_name: str,
+    measure: Callable[[Mechanism, Coordinates, Coordinates], Array],
+    block: int,
+    **attrs: Any,
 ) -> Field:
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
@@ -288,11 +293,12 @@ def _per_working_mode(
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
         for lane in inverse_lanes(robot, pose):
-            value = _each_sample(lambda x, q: measure(robot, x, q), pose, lane.values)
-            out.append(jnp.where(lane.multiplicity > 0, value, jnp.nan))
+            # NaN where there is no solution: cheaper than to find out about its multiplicity again.
+            none = jnp.isnan(lane.values[0])
+            out.append(jnp.where(none, jnp.nan, measure(robot, pose, lane.values)))
         return tuple(out)
 
-    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12, single=True)
+    return Field(name, "pose", variables, kernel, block=lambda robot: block, single=True, version="2")
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
@@ -307,7 +313,8 @@ direct_determinant = _per_working_mode(
     "direct_determinant",
     "units of the constraints",
     "determinant of the direct Jacobian",
-    lambda robot, x, q: raw_conditioning(robot, x, q).determinant,
+    elementwise_determinant,
+    1 << 12,
 )
 
 _SCALED = {"scaling": "rates in units of the mechanism's characteristic length and radians"}
@@ -317,7 +324,8 @@ smallest_singular_value = _per_working_mode(
     "smallest_singular_value",
     "1",
     "smallest singular value of the scaled dq/dx",
-    lambda robot, x, q: raw_conditioning(robot, x, q).smallest_singular_value,
+    lambda robot, x, q: elementwise_conditioning(robot, x, q).smallest_singular_value,
+    1 << 12,
     **_SCALED,
 )
 
@@ -326,7 +334,8 @@ inverse_condition_number = _per_working_mode(
     "inverse_condition_number",
     "1",
     "inverse condition number of the scaled dq/dx",
-    lambda robot, x, q: raw_conditioning(robot, x, q).inverse_condition_number,
+    lambda robot, x, q: elementwise_conditioning(robot, x, q).inverse_condition_number,
+    1 << 12,
     **_SCALED,
 )
 

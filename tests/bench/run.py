@@ -21,6 +21,7 @@ SUITES: dict[str, int | None] = {
     "general_branches": 1,
     "sections": 1,
     "spatial": 1,
+    "conditioning": 1,
     "topology": None,
     "two_cores": None,
     "memory": None,

@@ -91,3 +91,21 @@ def test_conditioning_can_be_differentiated():
     step = 1e-6 * np.eye(3)
     wanted = [(float(clearance(pose + e)) - float(clearance(pose - e))) / 2e-6 for e in step]
     np.testing.assert_allclose(slope, wanted, rtol=1e-6, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["analytic", "general", "tlpm", "ppps3"])
+def test_closed_jacobians_are_those_of_the_constraints(name):
+    robot = {
+        "analytic": lambda: rpr3.analytic(*zoo.EXAMPLE),
+        "general": rpr3.reference,
+        "tlpm": jk.mechanisms.tlpm.create,
+        "ppps3": lambda: jk.mechanisms.ppps3.create(side=1.3, mirrored=True),
+    }[name]()
+    rng = np.random.default_rng(7)
+    for _ in range(10):
+        pose, joints = (jnp.asarray(rng.uniform(-1, 1, len(axes))) for axes in (robot.pose_axes, robot.joint_axes))
+        rows, diagonal = robot.jacobian_kernel(tuple(pose), tuple(joints))
+        wanted = jk.jacobians(robot, pose, joints)
+        scale = float(jnp.max(jnp.abs(wanted.direct)))
+        np.testing.assert_allclose([[float(e) for e in row] for row in rows], wanted.direct, atol=1e-14 * scale)
+        np.testing.assert_allclose(np.diag([float(e) for e in diagonal]), wanted.inverse, rtol=1e-14)

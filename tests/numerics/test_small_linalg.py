@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from jaxkin.numerics import small_linalg
+from jaxkin.numerics import singular_values, small_linalg
 
 
 def rows(matrices):
@@ -19,7 +19,7 @@ def rotations(rng, n):
     return np.linalg.qr(rng.normal(size=(n, 3, 3)))[0]
 
 
-extremes = jax.jit(small_linalg.singular_extremes)
+extremes = jax.jit(singular_values.extremes)
 
 
 def test_solve_and_determinant():

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-SOURCES = [Path(__file__).with_name(name) for name in ("rpr3.c", "rpr3_general.c")]
-FLAGS = ("-std=c11", "-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-fPIC")
+HERE = Path(__file__).parent
+FLAGS = ("-std=gnu11", "-O3", "-march=native", "-ffast-math", "-fopenmp-simd", "-fPIC")
 WIDE = ("-mprefer-vector-width=512", "-DLANES=8")
 
 _array = np.ctypeslib.ndpointer(np.float64, flags="C_CONTIGUOUS")
@@ -84,23 +84,48 @@ class Rpr3C:
 
 def load(extra: tuple[str, ...] = ()) -> Rpr3C | None:
     """The compiled library, or None without a gcc that can build it. `extra=WIDE` asks for 512-bit vectors."""
+    library = compiled(("rpr3.c", "rpr3_general.c"), _SIGNATURES, extra)
+    return library and Rpr3C(library, FLAGS + extra)
+
+
+def compiled(sources: tuple[str, ...], signatures: dict[str, tuple], extra: tuple[str, ...] = ()) -> ctypes.CDLL | None:
+    """Builds source files and declares their functions; None without a gcc that can do it."""
     gcc = shutil.which("gcc")
     if gcc is None:
         return None
-    flags = FLAGS + extra
     with tempfile.TemporaryDirectory() as folder:
-        made, shared = [f"{folder}/{source.stem}.o" for source in SOURCES], f"{folder}/rpr3.so"
+        made, shared = [f"{folder}/{Path(source).stem}.o" for source in sources], f"{folder}/made.so"
         # Linking apart, without -ffast-math: with it, gcc adds start-up code that flushes denormals in the whole process.
         link = [gcc, "-shared", *made, "-o", shared]
         try:
-            for source, target in zip(SOURCES, made, strict=True):
-                subprocess.run([gcc, *flags, "-c", str(source), "-o", target], check=True, capture_output=True)
+            for source, target in zip(sources, made, strict=True):
+                given = [*FLAGS, *extra, "-c", str(HERE / source), "-o", target]
+                subprocess.run([gcc, *given], check=True, capture_output=True)
             if subprocess.run([*link, "-lmvec", "-lm"], capture_output=True).returncode:
                 subprocess.run([*link, "-lm"], check=True, capture_output=True)
             library = ctypes.CDLL(shared)
         except (OSError, subprocess.CalledProcessError):
             return None
-    for name, arguments in _SIGNATURES.items():
+    for name, arguments in signatures.items():
         function = getattr(library, name)
         function.argtypes, function.restype = arguments, None
-    return Rpr3C(library, flags)
+    return library
+
+
+_SPATIAL = {
+    "ppps3_frames": (_size, _real, _array, _array, _bytes),
+    "ppps3_branches": (_size, _real, _array, _array, _bytes),
+    "tlpm_branches": (_size, _real, _array, _array, _array, _bytes),
+    "tlpm_interference": (_size, _real, _array, _array, _array),
+    "rpr3_conditioning": (_size, ctypes.c_int, _array, _array, _array),
+    "tlpm_conditioning": (_size, ctypes.c_int, _array, _array, _array),
+    "ppps3_conditioning": (_size, ctypes.c_int, _array, _array),
+    "rpr3_conditioning_grid": (_size, _size, _size, ctypes.c_int, _array, _array, _array, _array, _array),
+    "tlpm_conditioning_grid": (_size, _size, _size, ctypes.c_int, _array, _array, _array, _array, _array),
+    "ppps3_conditioning_grid": (_size, _size, _size, ctypes.c_int, _array, _array, _array, _array),
+}
+
+
+def load_spatial() -> ctypes.CDLL | None:
+    """The functions of spatial.c as they are declared there, or None without gcc."""
+    return compiled(("spatial.c",), _SPATIAL)

@@ -1,0 +1,66 @@
+"""Extreme singular values of small matrices: made to measure, and where they coincide or vanish."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from jaxkin.numerics import singular_values
+
+SIZE = 300
+
+
+def rotations(rng, n):
+    return np.linalg.qr(rng.normal(size=(SIZE, n, n)))[0]
+
+
+def rows(matrices):
+    n = matrices.shape[-1]
+    return [[matrices[..., i, j] for j in range(n)] for i in range(n)]
+
+
+extremes = jax.jit(lambda matrices: singular_values.extremes(rows(matrices)))
+
+
+def made_to_measure(rng, n, kind):
+    values = np.sort(rng.uniform(0.1, 1.0, (SIZE, n)), axis=1)[:, ::-1].copy()
+    if kind == "largest double":
+        values[:, 1] = values[:, 0]
+    if kind == "largest nearly double":
+        values[:, 1] = values[:, 0] * (1 - 10 ** rng.uniform(-16, -2, SIZE))
+    if kind == "smallest double":
+        values[:, -2] = values[:, -1]
+    if kind == "nearly singular":
+        values[:, -1] = 10 ** rng.uniform(-15, -3, SIZE)
+    if kind == "isotropic":
+        values[:] = 1.0
+    return np.sort(values, axis=1)[:, ::-1]
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 6])
+def test_matrices_made_to_measure(n):
+    kinds = ("generic", "largest double", "largest nearly double", "smallest double", "nearly singular", "isotropic")
+    for kind in kinds:
+        rng = np.random.default_rng(n)
+        values = made_to_measure(rng, n, kind)
+        smallest, largest = extremes(rotations(rng, n) @ (values[..., None] * rotations(rng, n)))
+        assert np.max(np.abs(largest / values[:, 0] - 1)) < 5e-15, kind
+        assert np.max(np.abs(smallest - values[:, -1]) / values[:, 0]) < 5e-15, kind
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_special_matrices(n):
+    one = np.ones((n, n))
+    matrices = np.stack([np.zeros((n, n)), np.eye(n), one, -3 * np.eye(n)[::-1], np.full((n, n), np.nan)])
+    smallest, largest = extremes(matrices)
+    np.testing.assert_allclose(smallest, [0, 1, 0, 3, np.nan], atol=5e-15)
+    np.testing.assert_allclose(largest, [0, 1, n, 3, np.nan], rtol=5e-15, atol=1e-36)
+
+
+@pytest.mark.parametrize("n", [2, 3, 6])
+def test_derivatives_are_finite_differences(n):
+    matrix = jnp.asarray(np.random.default_rng(3).normal(size=(n, n)))
+    step = np.random.default_rng(4).normal(size=(n, n))
+    _, slopes = jax.jvp(extremes, (matrix,), (jnp.asarray(step),))
+    ahead, behind = (np.asarray(extremes(matrix + h * step)) for h in (1e-6, -1e-6))
+    np.testing.assert_allclose(slopes, (ahead - behind) / 2e-6, rtol=1e-6)
