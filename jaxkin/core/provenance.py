@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism
 
 #: Raise it when a kernel changes its numbers, so that old stores are not continued with new ones.
-ALGORITHM_VERSION = 1
+ALGORITHM_VERSION = 2
 
 
 @dataclass(frozen=True)

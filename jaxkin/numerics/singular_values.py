@@ -41,7 +41,7 @@ def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     if n == 2:
         return _of_two(rows)
     if n == 3:
-        return _of_three(rows)
+        return _of_three(tuple(tuple(jnp.asarray(entry, float) for entry in row) for row in rows))
     shape = jnp.broadcast_shapes(*(jnp.shape(entry) for row in rows for entry in row))
     full = tuple(tuple(jnp.broadcast_to(jnp.asarray(entry, float), shape) for entry in row) for row in rows)
     return _of_many(full)
@@ -59,7 +59,8 @@ def _of_two(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     return scale * smallest, scale * largest
 
 
-def _of_three(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
+@jax.custom_jvp
+def _of_three(rows: Rows) -> tuple[Array, Array]:
     """The roots of the two largest eigenvalues of g = m m^T; sigma_3 is |det| over both.
 
     So it keeps its digits near a singularity, where the root of the smallest eigenvalue would lose half of them. With
@@ -182,13 +183,27 @@ def _of_many(rows: Rows) -> tuple[Array, Array]:
     return scale * jnp.sqrt(low), scale * jnp.sqrt(high)
 
 
-@_of_many.defjvp
-def _of_many_jvp(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
-    """D sigma = u . dM v, from all singular vectors: derivatives may cost what LAPACK costs."""
-    matrix, change = small_linalg.stacked(primals[0]), small_linalg.stacked(tangents[0])
+def _slopes(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[Array, Array]:
+    """D sigma = u . dM v, from all singular vectors: derivatives may cost what LAPACK costs, and compile at once."""
+    entries = [entry for row in (*primals[0], *tangents[0]) for entry in row]
+    shape = jnp.broadcast_shapes(*(jnp.shape(entry) for entry in entries))
+    matrix, change = (
+        small_linalg.stacked(tuple(tuple(jnp.broadcast_to(entry, shape) for entry in row) for row in rows))
+        for rows in (primals[0], tangents[0])
+    )
     left, _, right = jnp.linalg.svd(matrix, full_matrices=False)
     slopes = jnp.einsum("...ik,...ij,...kj->...k", left, change, right)
-    return _of_many(primals[0]), (slopes[..., -1], slopes[..., 0])
+    return slopes[..., -1], slopes[..., 0]
+
+
+@_of_three.defjvp
+def _of_three_jvp(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    return _of_three(*primals), _slopes(primals, tangents)
+
+
+@_of_many.defjvp
+def _of_many_jvp(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[tuple[Array, Array], tuple[Array, Array]]:
+    return _of_many(*primals), _slopes(primals, tangents)
 
 
 def _bidiagonal(a: list[list[Array]]) -> tuple[list[Array], list[Array]]:
