@@ -163,10 +163,11 @@ def _lost(how: str) -> ClusterError:
 def _keep(future: Any, number: int, keeper: Memory | Store) -> None:
     """Takes over what a worker did, or says what happened to it."""
     import distributed
+    from distributed.comm import CommClosedError
 
     try:
         outcome = future.result(timeout=60)
-    except (concurrent.futures.CancelledError, distributed.comm.CommClosedError, TimeoutError) as error:
+    except (concurrent.futures.CancelledError, CommClosedError, TimeoutError) as error:
         raise _lost(f"tile {number}: {type(error).__name__}") from error
     except distributed.KilledWorker as error:
         raise ClusterError(
