@@ -259,17 +259,17 @@ def _locked(path: Path) -> filelock.BaseFileLock:
             lock.acquire()
             if os.path.samestat(before, file.stat()):
                 return lock
-            # Whoever had it removed the file when this process had it open already: this lock keeps nobody out.
-            lock.release()
         except filelock.Timeout:
             break
         except FileNotFoundError:
-            continue
+            pass
         except OSError as error:
             raise StoreError(
                 f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk "
                 "with space."
             ) from error
+        # Whoever had it removed the file when this process had it open already: this lock keeps nobody out.
+        lock.release()
     raise StoreError(
         f"{path} is being written by another process: wait for it, then run the same request again, or choose another "
         "store."

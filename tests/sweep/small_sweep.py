@@ -35,13 +35,14 @@ def _kernel(robot, coordinates):
     return (jnp.where(x < 0.7, jnp.nan, height), jnp.where(x < 0.7, -1, height > 1.0).astype(jnp.int8))
 
 
-def field(block=100, **options):
+def field(block=130, **options):
     return jk.Field("height", "pose", _variables, _kernel, block=lambda robot: block, **options)
 
 
 HEIGHT = field()
-GRID = jk.Grid(x=(0.0, 2.0, 40), y=(0.0, 3.0, 30), phi=0.25)
-OTHER = jk.Grid(x=(0.0, 2.0, 40), y=(0.0, 3.0, 30), phi=0.5)
+#: The grid cuts off the last tiles, which Zarr reads before it writes them.
+GRID = jk.Grid(x=(0.0, 2.0, 41), y=(0.0, 3.0, 31), phi=0.25)
+OTHER = jk.Grid(x=(0.0, 2.0, 41), y=(0.0, 3.0, 31), phi=0.5)
 TILES = 12
 
 

@@ -12,6 +12,7 @@ import threading
 import time
 from pathlib import Path
 
+import filelock
 import numpy as np
 import pytest
 import small_sweep
@@ -20,6 +21,7 @@ from small_sweep import GRID, OTHER, TILES, run
 import jaxkin as jk
 from jaxkin.core import provenance
 from jaxkin.sweep import engine
+from jaxkin.sweep import store as store_module
 from jaxkin.sweep.store import Store
 from jaxkin.sweep.threads import run_in_threads
 from jaxkin.sweep.tiler import Tiler
@@ -535,6 +537,25 @@ def test_the_lock_of_a_killed_process_is_free(nursery, tmp_path, whole):
     settled(store, whole["map"])
 
 
+@pytest.mark.parametrize("anew", [False, True])
+def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(anew, tmp_path, monkeypatch):
+    acquire, first = filelock.FileLock.acquire, iter([True])
+
+    def late(self):
+        acquire(self)
+        if next(first, False):
+            os.unlink(self.lock_file)
+            if anew:
+                Path(self.lock_file).touch()
+
+    monkeypatch.setattr(filelock.FileLock, "acquire", late)
+    lock = store_module._locked(tmp_path / "map.zarr")
+    assert Path(lock.lock_file).exists()
+    with pytest.raises(jk.StoreError, match="another process"):
+        run(tmp_path / "map.zarr")
+    lock.release()
+
+
 @pytest.mark.parametrize("rounds", [1, pytest.param(6, marks=pytest.mark.slow)])
 def test_processes_that_race_for_one_store_leave_it_whole(nursery, tmp_path, whole, rounds):
     for k in range(rounds):
@@ -619,15 +640,14 @@ def test_an_error_in_a_tile_is_the_users_and_keeps_the_others(tmp_path, whole, m
     settled(store, whole["map"])
 
 
-def test_a_second_ctrl_c_does_not_let_go_of_what_is_being_written():
+def test_more_ctrl_c_do_not_let_go_of_what_is_being_written():
     written = []
 
     def work(number):
         if number == 0:
-            time.sleep(0.2)
-            os.kill(os.getpid(), signal.SIGINT)
-            time.sleep(0.3)
-            os.kill(os.getpid(), signal.SIGINT)
+            for _ in range(3):
+                time.sleep(0.3)
+                os.kill(os.getpid(), signal.SIGINT)
         time.sleep(0.6)
         written.append(number)
 
