@@ -105,6 +105,9 @@ class Mechanism:
     ``frame_kernel(joints) -> tuple[Lane, ...]`` (spatial robots: position and rotation matrix) and
     ``count_kernel(joints) -> Count`` (forward solutions, counted without solving). A kernel neither
     checks finite input nor applies limits; the caller in ``kinematics`` does that once for all.
+
+    ``count_walls(joints (n,)) -> (m,)`` declares smooth functions between whose zeros the number of assembly modes
+    cannot change, limits aside: adaptive sweeps prove maps of it by them.
     """
 
     id: ClassVar[str] = ""
@@ -126,6 +129,7 @@ class Mechanism:
     forward_kernel: Callable[..., tuple[Lane, ...]] | None = None
     frame_kernel: Callable[..., tuple[Lane, ...]] | None = None
     count_kernel: Callable[..., Count] | None = None
+    count_walls: Callable[..., Array] | None = None
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns the residuals F(pose, joints), ``(n,)``, zero where the mechanism closes."""

@@ -22,6 +22,7 @@ from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, identity, run_log
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields, result
+from jaxkin.sweep.adaptive import Adaptive, adaptive_options, adaptive_sweep
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid, Grid
 from jaxkin.sweep.progress import Progress
@@ -46,6 +47,7 @@ def sweep(
     overwrite: bool = False,
     workers: int | None = None,
     progress: bool | None = None,
+    adaptive: "bool | Adaptive" = False,
 ) -> "xarray.Dataset":
     """Computes a field at every sample of a grid.
 
@@ -58,11 +60,15 @@ def sweep(
         overwrite: Replaces a jaxkin store, whatever request made it, and starts anew. Nothing else is ever replaced.
         workers: Threads that run compiled chunks side by side; the number of cores by default.
         progress: True or False to force or forbid the progress bar; by default it shows on a terminal.
+        adaptive: True or ``jk.Adaptive(...)`` for a field that is constant in cells (a count, a label, a sign): samples
+            only where it changes, with a proof or an estimate that nothing larger than a stated size is missed. Held
+            in memory.
 
     Returns:
         An ``xarray.Dataset`` whose main variable bears the field's name: dimensions in the mechanism's order
         of axes, fixed axes as scalar coordinates, units and the request in the attributes. From a store it
-        is opened lazily.
+        is opened lazily. An adaptive one is a ``jk.AdaptiveSweep``, a dataset with the dimension ``cell`` and the
+        methods ``to_dense`` and ``measure``.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -83,6 +89,12 @@ def sweep(
     if not bool(np.all(robot.geometry_ok())):
         raise GeometryError(f"{robot}: the geometry is degenerate or not finite; build it with its constructor.")
     bound = grid.bind(field.axes(robot), "joint" if field.domain == "joints" else "pose")
+    options = adaptive_options(adaptive)
+    if options is not None:
+        if store is not None:
+            raise InputError("jk.sweep: adaptive sweeps are held in memory: leave store out; the result has to_zarr().")
+        content = _request(robot, field, bound, field.variables(robot))
+        return adaptive_sweep(robot, field, bound, content, options, workers or _cores(), progress)
     plan = _plan(robot, field, bound)
     _check_size(plan, in_memory=store is None)
     request = _request(robot, field, bound, plan.variables)

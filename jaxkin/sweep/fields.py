@@ -17,6 +17,7 @@ from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.kinematics.singularity import raw_conditioning
 from jaxkin.kinematics.solve import forward_lanes, frame_lanes, inside_limits, inverse_lanes
+from jaxkin.sweep.walls import Walls, count_walls, determinant_walls, inverse_walls
 
 Coordinates = tuple[Array, ...]
 
@@ -62,6 +63,8 @@ class Field:
         block: Mechanism -> samples that one call should take, so that its temporaries stay in cache.
         unpack: Turns the flat tuple of arrays that a call returned into that of the variables.
         version: Raise it when the kernel changes its numbers.
+        walls: Mechanism -> between which walls the field's label is constant (its main variable if that is discrete,
+            the statuses of its branches, or its sign), so that adaptive sweeps can prove it; None where none are known.
     """
 
     name: str
@@ -71,6 +74,7 @@ class Field:
     block: Callable[[Mechanism], int] = lambda robot: 1 << 14
     unpack: Callable[[tuple[np.ndarray, ...]], tuple[np.ndarray, ...]] = lambda arrays: arrays
     version: str = "1"
+    walls: Callable[[Mechanism], Walls | None] = lambda robot: None
 
     def axes(self, robot: Mechanism) -> tuple[Axis, ...]:
         """Returns the mechanism's axes of this field's domain."""
@@ -123,6 +127,7 @@ forward_count = Field(
     kernel=_count_kernel,
     block=lambda robot: 1 << 17 if robot.count_kernel is not None else robot.forward_block,
     unpack=_unpack_count,
+    walls=count_walls,
 )
 
 
@@ -249,11 +254,17 @@ inverse_branches = Field(
     ),
     kernel=_branches_kernel(inverse_lanes),
     unpack=_unpack_branches,
+    walls=inverse_walls,
 )
 
 
 def _per_working_mode(
-    name: str, unit: str, long_name: str, measure: Callable[[Mechanism, Array, Array], Array], **attrs: Any
+    name: str,
+    unit: str,
+    long_name: str,
+    measure: Callable[[Mechanism, Array, Array], Array],
+    walls: Callable[[Mechanism], Walls | None] = lambda robot: None,
+    **attrs: Any,
 ) -> Field:
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
@@ -267,7 +278,7 @@ def _per_working_mode(
             out.append(jnp.where(lane.multiplicity > 0, value, jnp.nan))
         return tuple(out)
 
-    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12)
+    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12, walls=walls)
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
@@ -283,6 +294,7 @@ direct_determinant = _per_working_mode(
     "units of the constraints",
     "determinant of the direct Jacobian",
     lambda robot, x, q: raw_conditioning(robot, x, q).determinant,
+    determinant_walls,
 )
 
 _SCALED = {"scaling": "rates in units of the mechanism's characteristic length and radians"}
@@ -391,6 +403,8 @@ def from_function(
     domain: str,
     unit: str = "1",
     long_name: str | None = None,
+    dtype: str = "float64",
+    walls: Callable[[Mechanism, Array], Array] | None = None,
 ) -> Field:
     """Makes a field of your own from a traceable function of one configuration.
 
@@ -400,28 +414,56 @@ def from_function(
         domain: ``"pose"`` or ``"joints"``.
         unit: Unit of the value.
         long_name: For labels; the name if not given.
+        dtype: ``"float64"``, or ``"bool"`` or an integer type for what is constant in cells: a membership, a number of
+            tests passed, a label. Such a field can be swept adaptively.
+        walls: ``(mechanism, vector) -> (m,)`` smooth functions: on any connected set on which none of them vanishes,
+            the value is constant (a real field's sign). Adaptive sweeps prove cells by them; jaxkin cannot know
+            whether they are all.
 
     Raises:
-        InputError: The domain is neither, or the name is that of a field of jaxkin.
+        InputError: The domain is neither, the name is that of a field of jaxkin, or the dtype is another one.
     """
     if domain not in ("pose", "joints"):
         raise InputError(f"The domain of field {name!r} is {domain!r}: it must be 'pose' or 'joints'.")
     if name in FIELDS:
         raise InputError(f"A field {name!r} exists in jaxkin: choose another name.")
-    try:
-        text = inspect.getsource(function)
-    except (OSError, TypeError):
-        text = repr(function)
+    kind = _own_dtype(name, dtype)
+    text = _source(function) + ("" if kind == np.float64 else kind.name) + ("" if walls is None else _source(walls))
     return Field(
         name=name,
         domain=domain,
-        variables=lambda robot: (Variable(name, "float64", unit, long_name or name),),
+        variables=lambda robot: (Variable(name, kind.name, unit, long_name or name, missing=_missing(kind)),),
         kernel=lambda robot, coordinates: (
-            _each_sample(lambda vector: jnp.asarray(function(robot, vector), float), coordinates),
+            _each_sample(lambda vector: jnp.asarray(function(robot, vector), kind), coordinates),
         ),
         block=lambda robot: 1 << 12,
         version=hashlib.sha256(text.encode()).hexdigest()[:16],
+        walls=lambda robot: None if walls is None else Walls(walls),
     )
+
+
+def _own_dtype(name: str, dtype: Any) -> np.dtype:
+    try:
+        kind = np.dtype(dtype)
+    except TypeError:
+        kind = np.dtype(object)
+    if kind != np.float64 and kind.kind not in "iub":
+        raise InputError(f"The dtype of field {name!r} is {dtype!r}: it must be 'float64', 'bool' or an integer type.")
+    return kind
+
+
+def _missing(kind: np.dtype) -> Any:
+    """Returns the value of samples that were not computed."""
+    if kind.kind == "u":
+        return int(np.iinfo(kind).max)
+    return {"b": False, "i": -1}.get(kind.kind, np.nan)
+
+
+def _source(function: Callable[..., Any]) -> str:
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return repr(function)
 
 
 #: The fields that the command line knows, by name.
