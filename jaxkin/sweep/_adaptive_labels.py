@@ -53,7 +53,7 @@ def _is_discrete(variable: Variable) -> bool:
 
 def _sign_variable(main: Variable) -> Variable:
     meanings = {"flag_values": [-1, 0, 1, NO_SIGN], "flag_meanings": "negative zero positive undefined"}
-    return Variable(f"{main.name}_sign", "int8", "1", f"sign of: {main.long_name}", main.dims, -128, meanings)
+    return Variable(f"{main.name}_sign", "int8", "1", f"sign of the {main.long_name}", main.dims, -128, meanings)
 
 
 def _signs(values: np.ndarray) -> np.ndarray:

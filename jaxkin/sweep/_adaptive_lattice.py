@@ -95,11 +95,14 @@ class Lattice:
 
     def around(self, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Returns the cells of one step that meet at samples ``(k, d)``: places ``(2^d k, d)``, and of which sample."""
-        count = len(place)
         cells = (place[None] - self.offsets[:, None]).reshape(-1, self.dimension)
-        cells = np.where(np.equal(self.shape, self.steps), cells % self.shape, cells)
-        there = np.all((cells >= 0) & (cells < self.steps), axis=1)
-        return cells[there], np.tile(np.arange(count), len(self.offsets))[there]
+        there = np.ones(len(cells), bool)
+        for column, steps, samples in zip(cells.T, self.steps, self.shape, strict=True):
+            if steps == samples:
+                column %= steps
+            else:
+                there &= (column >= 0) & (column < steps)
+        return cells[there], np.tile(np.arange(len(place)), len(self.offsets))[there]
 
 
 def morton(place: np.ndarray, bits: int) -> np.ndarray:

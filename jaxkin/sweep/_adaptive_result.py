@@ -1,6 +1,7 @@
 """What an adaptive sweep found: labelled cells with their evidence, as an ``xarray.Dataset`` with two methods more."""
 
 import json
+import math
 from typing import Any
 
 import numpy as np
@@ -64,6 +65,8 @@ class AdaptiveSweep(xarray.Dataset):
         Raises:
             InputError: The grid has other axes.
         """
+        if not self._is_whole():
+            raise InputError("to_dense needs all cells of the sweep: call it first, and select of what it returns.")
         own = self._grid()
         bound = own if grid is None else self._bound(grid, own)
         variable = _variable_of(self.label)
@@ -103,9 +106,17 @@ class AdaptiveSweep(xarray.Dataset):
 
     def __repr__(self) -> str:
         """A summary of a few lines."""
-        if "constant" not in self or "label" not in self.attrs:
-            return super().__repr__()
-        return _summary(self)
+        return _summary(self) if self._is_whole() else super().__repr__()
+
+    def _is_whole(self) -> bool:
+        """False for what was selected of a result: evidence holds for all cells together."""
+        if not {"place", "size", "constant"} <= set(self.data_vars) or "label" not in self.attrs:
+            return False
+        if {"cell", "sample", "axis"} - set(self.dims):
+            return False
+        lattice = self._lattice()
+        place, size = self.place.values.astype(np.int64), self["size"].values.astype(np.int64)
+        return bool(np.prod(lattice.high(place, size) - place, axis=1).sum() == math.prod(lattice.steps))
 
     def _axes(self) -> tuple[Axis, ...]:
         return tuple(Axis(**axis) for axis in json.loads(self.attrs["axes"]))

@@ -15,8 +15,8 @@ from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
 
-#: Scattered samples that one call takes: rounds that follow a boundary ask for few, and pay for all.
-BLOCK = 1 << 11
+#: Scattered samples that one call takes: rounds that follow a boundary ask for few, and pay for a whole block.
+BLOCK = 1 << 8
 
 
 def _scattered_values(robot: Mechanism, coordinates: tuple[Array, ...], field: Field, count: int) -> tuple[Array, ...]:

@@ -1,0 +1,431 @@
+"""Adaptive sweeps: the dense sweep again, sample for sample; what is never missed; proofs; evidence."""
+
+import json
+import math
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import jaxkin as jk
+from jaxkin.sweep import _adaptive_lattice as lattices
+from jaxkin.sweep import _adaptive_samples
+
+ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
+LIMITED = ROBOT.with_limits(rho1=(0.5, 2.0), rho2=(0.25, 2.5))
+TLPM = jk.mechanisms.tlpm.create()
+PPPS3 = jk.mechanisms.ppps3.create()
+SECTION = jk.Grid(rho1=(0.0, 4.0, 161), rho2=1.0, rho3=(0.0, 4.0, 150))
+PLANE = jk.Grid(x=(-1.0, 1.0, 101), y=(-1.0, 1.0, 91), phi=0.0)
+TURN = (-math.pi, math.pi)
+
+
+def dense_label(robot, field, grid, label):
+    dense = jk.sweep(robot, field, grid)
+    if label in dense:
+        return dense[label].values
+    values = dense[label.removesuffix("_sign")].values
+    return np.where(np.isnan(values), 2, np.sign(np.nan_to_num(values))).astype(np.int8)
+
+
+def check_proofs(found, dense):
+    """Every sample in a proved cell, faces included, has the label of the cell."""
+    shape = dense.shape[dense.ndim - found.sizes["axis"] :]
+    dense = dense.reshape(-1, *shape)
+    labels = found.label.values.reshape(-1, found.sizes["cell"])
+    steps = found._lattice().steps
+    for cell in np.flatnonzero(found.constant.values == 2):
+        low = found.place.values[cell]
+        high = np.minimum(low + found["size"].values[cell], steps)
+        block = dense[np.ix_(range(len(dense)), *(np.arange(a, b + 1) % n for a, b, n in zip(low, high, shape, strict=True)))]
+        assert np.all(block.reshape(len(dense), -1) == labels[:, cell : cell + 1])
+
+
+CASES = {
+    "count": (ROBOT, "forward_count", SECTION, {}),
+    "count without proof": (ROBOT, "forward_count", SECTION, {"proof": 0, "stride": 16}),
+    "count, coarse proof": (ROBOT, "forward_count", SECTION, {"proof": 8, "stride": 16}),
+    "count over a line": (ROBOT, "forward_count", jk.Grid(rho1=(0.0, 4.0, 333), rho2=1.0, rho3=0.4), {}),
+    "count in a box with limits": (
+        LIMITED,
+        "forward_count",
+        jk.Grid(rho1=(0.0, 4.0, 41), rho2=(0.0, 3.0, 37), rho3=(0.0, 4.0, 29)),
+        {"stride": 8},
+    ),
+    "count of another robot": (TLPM, "forward_count", jk.Grid(l1=(-300.0, 300.0, 40), l2=(-300.0, 300.0, 31), l3=0.0), {}),
+    "general count": (
+        jk.mechanisms.rpr3.reference(),
+        "forward_count",
+        jk.Grid(rho1=14.98, rho2=(8.0, 22.0, 40), rho3=(8.0, 22.0, 49)),
+        {"stride": 8},
+    ),
+    "sign over a turn": (
+        ROBOT,
+        "direct_determinant",
+        jk.Grid(x=(-3.0, 3.0, 37), y=(-3.0, 3.0, 30), phi=(*TURN, 32)),
+        {"label": "sign", "stride": 8},
+    ),
+    "sign within limits": (
+        LIMITED,
+        "direct_determinant",
+        jk.Grid(x=(-3.0, 3.0, 97), y=0.3, phi=(*TURN, 90)),
+        {"label": "sign"},
+    ),
+    "sign, periods twice": (
+        PPPS3,
+        "direct_determinant",
+        jk.Grid(x=0.1, y=0.2, z=0.1, phi=(*TURN, 24), theta=(-1.5, 1.5, 21), sigma=(*TURN, 20)),
+        {"label": "sign", "stride": 8},
+    ),
+    "statuses": (LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 90), y=(-3.0, 3.0, 77), phi=0.4), {}),
+    "binding limit": (
+        jk.mechanisms.tlpm.create(),
+        "binding_limit",
+        jk.Grid(x=(-500.0, 500.0, 60), y=(-500.0, 500.0, 65), z=10.0),
+        {"stride": 8},
+    ),
+    "statuses of branches": (ROBOT, "forward_branches", jk.Grid(rho1=(0.1, 4.0, 60), rho2=1.0, rho3=(0.1, 4.0, 70)), {}),
+}
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_the_dense_sweep_again(case):
+    robot, field, grid, options = CASES[case]
+    found = jk.sweep(robot, field, grid, adaptive=jk.Adaptive(**options))
+    again = found.to_dense()
+    expected = dense_label(robot, field, grid, found.attrs["label"])
+    np.testing.assert_array_equal(again[found.attrs["label"]].values, expected)
+    check_proofs(found, expected)
+    assert found.attrs["evaluations"] == found.sizes["sample"] <= expected[..., :].size
+
+
+def test_a_dense_map_has_the_labels_of_a_dense_sweep():
+    dense = jk.sweep(ROBOT, "forward_count", SECTION)
+    again = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True).to_dense()
+    assert again.forward_count.dims == dense.forward_count.dims
+    assert again.forward_count.attrs == dense.forward_count.attrs
+    assert again.forward_count.dtype == dense.forward_count.dtype
+    assert set(again.data_vars) == set(dense.data_vars)
+    for name in dense.coords:
+        xarray.testing.assert_identical(again[name], dense[name])
+
+
+def test_what_is_proved_needs_no_estimate():
+    found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True)
+    large = found["size"].values > 1
+    assert np.all(found.constant.values[large] == 2)
+    assert found.attrs["probes"] == 0
+    assert found.attrs["missed_share_bound"] == 0
+    assert "no sample of the grid differs" in repr(found)
+
+
+def test_cells_fill_the_grid_and_boundary_cells_are_one_step_wide():
+    found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=jk.Adaptive(proof=0))
+    volume = np.prod(found.high.values - found.low.values, axis=1)
+    assert volume.sum() == pytest.approx(16.0, rel=1e-12)
+    mixed = found.constant.values == 0
+    assert np.all(found["size"].values[mixed] == 1)
+    np.testing.assert_array_equal(found["size"], 32 >> found.level)
+    covered = np.zeros((160, 149), int)
+    for low, size in zip(found.place.values, found["size"].values, strict=True):
+        covered[low[0] : low[0] + size, low[1] : low[1] + size] += 1
+    assert np.all(covered == 1)
+
+
+def disc(x, y, radius, name="in_disc"):
+    return jk.fields.from_function(
+        lambda robot, pose: (pose[0] - x) ** 2 + (pose[1] - y) ** 2 <= radius**2, name=name, domain="pose", dtype="bool"
+    )
+
+
+def labelled(function, name, dtype="int32"):
+    return jk.fields.from_function(lambda robot, pose: function(pose[0], pose[1]), name=name, domain="pose", dtype=dtype)
+
+
+#: Closures over other numbers are other fields, each compiled anew: their numbers travel as the robot's geometry.
+@settings(max_examples=40)
+@given(st.floats(-0.9, 0.9), st.floats(-0.9, 0.9), st.floats(0.0, 0.5), st.sampled_from([4, 8, 16]))
+def test_a_box_of_the_stated_size_is_never_missed(x, y, radius, stride):
+    robot = jk.mechanisms.rpr3.analytic(1.0, x, 1.0).with_limits(rho1=(0.0, radius), rho2=(0.0, y + 2))
+    found = jk.sweep(robot, IN_DISC, PLANE, adaptive=jk.Adaptive(stride=stride, probes=0))
+    sides = json.loads(found.attrs["resolution"])
+    assert sides == pytest.approx({"x": stride * 2 / 100, "y": stride * 2 / 90})
+    expected = jk.sweep(robot, IN_DISC, PLANE).moving_disc.values
+    again = found.to_dense().moving_disc.values
+    # A disc whose inscribed box of these proportions is that large; the part outside the grid does not count.
+    holds = math.hypot(*sides.values()) / 2 <= radius and max(abs(x), abs(y)) + radius <= 1
+    if holds:
+        assert expected.any()
+    if holds or found.to_dense().moving_disc.any():
+        # Met anywhere: all of it, as it hangs together.
+        np.testing.assert_array_equal(again, expected)
+
+
+IN_DISC = jk.fields.from_function(
+    lambda robot, pose: (
+        (pose[0] - robot.c3) ** 2 + (pose[1] - (robot.limits.high[1] - 2)) ** 2 <= robot.limits.high[0] ** 2
+    ),
+    name="moving_disc",
+    domain="pose",
+    dtype="bool",
+)
+
+
+def test_a_thin_finger_that_hangs_together_with_a_boundary_is_followed():
+    def finger(x, y):
+        spiral = (jnp.abs(y - 0.5 * jnp.sin(6 * x)) < 0.03) & (jnp.abs(x) < 0.9)
+        return spiral | ((x + 0.7) ** 2 + y**2 < 0.04)
+
+    field = labelled(finger, "finger", "bool")
+    grid = jk.Grid(x=(-1.0, 1.0, 513), y=(-1.0, 1.0, 513), phi=0.0)
+    found = jk.sweep(ROBOT, field, grid, adaptive=jk.Adaptive(stride=128, probes=0))
+    np.testing.assert_array_equal(found.to_dense().finger, jk.sweep(ROBOT, field, grid).finger)
+    assert found.attrs["evaluations"] < 0.1 * grid_size(grid)
+
+
+def grid_size(grid):
+    return math.prod(grid.axes[name].count for name in grid.free)
+
+
+def test_slabs_across_the_seam_of_a_period():
+    field = jk.fields.from_function(
+        lambda robot, pose: jnp.floor(3 + jnp.cos(pose[2]) - pose[0]), name="slabs", domain="pose", dtype="int8"
+    )
+    grid = jk.Grid(x=(-1.0, 1.0, 70), y=0.0, phi=(*TURN, 77))
+    found = jk.sweep(ROBOT, field, grid, adaptive=True)
+    np.testing.assert_array_equal(found.to_dense().slabs, jk.sweep(ROBOT, field, grid).slabs)
+    assert found.high.values[:, 1].max() == math.pi
+
+
+def test_probes_find_an_island_or_bound_it():
+    grid = jk.Grid(x=(-1.0, 1.0, 513), y=(-1.0, 1.0, 513), phi=0.0)
+    field = disc(0.2718, 0.3141, 0.02)
+    expected = jk.sweep(ROBOT, field, grid).in_disc.values
+    blind = jk.sweep(ROBOT, field, grid, adaptive=jk.Adaptive(stride=64, probes=0))
+    assert not blind.label.values.any()
+    assert "no estimate" in repr(blind)
+    few = jk.sweep(ROBOT, field, grid, adaptive=jk.Adaptive(stride=64, probes=20))
+    assert few.label.values.any() or few.attrs["missed_share_bound"] > expected.mean()
+    many = jk.sweep(ROBOT, field, grid, adaptive=jk.Adaptive(stride=64, probes=20000, seed=3))
+    np.testing.assert_array_equal(many.to_dense().in_disc, expected)
+    assert many.attrs["probe_hits"] > 0
+    assert many.attrs["probe_rounds"] == 2
+    assert many.attrs["seed"] == 3
+    assert many.attrs["missed_share_bound"] == pytest.approx(math.log(6 / 0.05) / 20000, rel=0.05)
+
+
+def test_the_bound_holds_as_often_as_it_says():
+    grid = jk.Grid(x=(-1.0, 1.0, 201), y=(-1.0, 1.0, 201), phi=0.0)
+    field = disc(0.271, 0.316, 0.03)
+    expected = jk.sweep(ROBOT, field, grid).in_disc.values
+    wrong = 0
+    for seed in range(60):
+        found = jk.sweep(ROBOT, field, grid, adaptive=jk.Adaptive(stride=64, probes=2000, seed=seed))
+        wrong += float((found.to_dense().in_disc.values != expected).mean()) > found.attrs["missed_share_bound"]
+    # 3 are expected at most; more than 8 happen once in a thousand times.
+    assert wrong <= 8
+
+
+def test_walls_of_ones_own_prove_and_wrong_ones_are_named():
+    grid = jk.Grid(x=(-1.0, 1.0, 129), y=(-1.0, 1.0, 129), phi=0.0)
+
+    def passed(robot, pose):
+        return (pose[0] > 0.31).astype(int) + (pose[0] ** 2 + pose[1] ** 2 < 0.5)
+
+    def walls(robot, pose):
+        return jnp.stack([pose[0] - 0.31, pose[0] ** 2 + pose[1] ** 2 - 0.5])
+
+    field = jk.fields.from_function(passed, name="passed", domain="pose", dtype="int8", walls=walls)
+    found = jk.sweep(ROBOT, field, grid, adaptive=True)
+    np.testing.assert_array_equal(found.to_dense().passed, jk.sweep(ROBOT, field, grid).passed)
+    assert np.all(found.constant.values[found["size"].values > 1] == 2)
+    bad = jk.fields.from_function(
+        passed, name="passed_badly", domain="pose", dtype="int8", walls=lambda robot, pose: pose[:1] - 0.31
+    )
+    with pytest.raises(jk.InputError, match=r"no wall and two labels.*proof=0"):
+        jk.sweep(ROBOT, bad, grid, adaptive=jk.Adaptive(stride=64))
+
+
+def test_the_cost_grows_like_the_boundary():
+    counts = []
+    for n in (256, 512, 1024):
+        grid = jk.Grid(rho1=(0.0, 4.0, n + 1), rho2=1.0, rho3=(0.0, 4.0, n + 1))
+        counts.append(jk.sweep(ROBOT, "forward_count", grid, adaptive=jk.Adaptive(proof=0, probes=0)).attrs["evaluations"])
+    assert counts[1] / counts[0] < 2.3
+    assert counts[2] / counts[1] < 2.3
+    assert counts[2] < 0.04 * 1024**2
+
+
+@pytest.mark.parametrize("field", ["forward_count", IN_DISC])
+def test_results_depend_on_neither_block_nor_workers(field, monkeypatch):
+    grid = SECTION if field == "forward_count" else PLANE
+    robot = ROBOT if field == "forward_count" else ROBOT.with_limits(rho1=(0.0, 0.3), rho2=(0.0, 2.1))
+    one = jk.sweep(robot, field, grid, adaptive=jk.Adaptive(probes=500), workers=1)
+    monkeypatch.setattr(_adaptive_samples, "BLOCK", 97)
+    other = jk.sweep(robot, field, grid, adaptive=jk.Adaptive(probes=500), workers=3)
+    log = one.attrs.pop("run_log"), other.attrs.pop("run_log")
+    assert json.loads(log[0])["workers"] == 1
+    xarray.testing.assert_identical(one.to_dataset(), other.to_dataset())
+
+
+def test_one_compilation_serves_all_rounds_and_the_next_sweep(caplog):
+    field = jk.fields.from_function(
+        lambda robot, q: q[0] * robot.c2 > q[2], name="my_test", domain="joints", dtype="bool"
+    )
+    jax.config.update("jax_log_compiles", True)
+    try:
+        jk.sweep(ROBOT, field, SECTION, adaptive=True)
+        other = jk.Grid(rho1=(1.0, 2.0, 61), rho2=3.0, rho3=(0.0, 1.0, 47))
+        jk.sweep(jk.mechanisms.rpr3.analytic(1.5, 0.2, 0.7), field, other, adaptive=True)
+    finally:
+        jax.config.update("jax_log_compiles", False)
+    compiled = [r for r in caplog.records if "Finished XLA compilation of jit(_scattered_values)" in r.getMessage()]
+    assert len(compiled) == 1
+
+
+def test_measures_bound_the_exact_areas():
+    grid = jk.Grid(x=(-1.0, 1.0, 257), y=(-1.0, 1.0, 257), phi=0.0)
+    found = jk.sweep(ROBOT, disc(0.1, -0.1, 0.6, "in_large_disc"), grid, adaptive=True).measure()
+    inside = found.sel(label=True)
+    exact = math.pi * 0.36
+    assert float(inside.low) < exact < float(inside.high)
+    assert float(inside.measure) == pytest.approx(exact, abs=1e-3)
+    assert float(found["measure"].sum()) == pytest.approx(4.0, rel=1e-12)
+    assert found.attrs["total"] == pytest.approx(sum(found.attrs[k] for k in ("boundary", "sampled", "proved")))
+    assert found["measure"].attrs["units"] == "length length"
+
+
+def test_areas_of_the_analytic_section():
+    section = jk.Grid(rho1=(0.0, 4.0, 1025), rho2=1.0, rho3=(0.0, 4.0, 1025))
+    found = jk.sweep(ROBOT, "forward_count", section, adaptive=True).measure()
+    for number, exact in ((2, 6.01409), (4, 0.4123), (6, 0.63884)):
+        six = found.sel(label=number)
+        assert float(six.proved_low) < float(six.low) < float(six["measure"]) < float(six.high) < float(six.proved_high)
+        assert float(six["measure"]) == pytest.approx(exact, abs=1e-3)
+
+
+def test_branches_are_measured_each():
+    found = jk.sweep(LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 65), y=(-3.0, 3.0, 65), phi=0.4), adaptive=True)
+    measure = found.measure()
+    assert measure["measure"].dims == ("branch", "label")
+    assert measure["measure"].sum("label").values == pytest.approx([36.0])
+
+
+def test_another_grid_takes_the_nearest_labels():
+    found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True)
+    other = jk.Grid(rho1=(0.1, 3.9, 77), rho2=1.0, rho3=(0.1, 5.0, 91))
+    far = found.to_dense(other).forward_count
+    dense = jk.sweep(ROBOT, "forward_count", other).forward_count
+    inside = far.rho3 <= 4.0
+    assert np.all(far.where(~inside, -1) == -1)
+    assert float((far != dense).where(inside, False).mean()) < 0.02
+    xarray.testing.assert_equal(found.to_dense(SECTION).forward_count, found.to_dense().forward_count)
+    turn = jk.sweep(ROBOT, "direct_determinant", jk.Grid(x=(-3.0, 3.0, 97), y=0.3, phi=(*TURN, 90)), adaptive=jk.Adaptive(label="sign"))
+    shifted = turn.to_dense(jk.Grid(x=(-3.0, 3.0, 50), y=0.3, phi=(0.0, 2 * math.pi, 64))).direct_determinant_sign
+    assert set(np.unique(shifted)) == {-1, 1}
+
+
+def test_a_result_goes_through_a_file(tmp_path):
+    found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True)
+    found.to_zarr(tmp_path / "cells.zarr", consolidated=False)
+    read = jk.AdaptiveSweep.of(xarray.open_zarr(tmp_path / "cells.zarr", consolidated=False, chunks=None))
+    xarray.testing.assert_identical(read.to_dense(), found.to_dense())
+    assert "proved" in repr(read)
+    assert "Dimensions" in repr(found.isel(cell=slice(0, 5)))
+    with pytest.raises(jk.InputError, match="all cells"):
+        found.isel(cell=slice(0, 5)).to_dense()
+
+
+def test_a_result_is_an_xarray_dataset_with_its_request():
+    found = jk.sweep(ROBOT, jk.fields.forward_count, SECTION, adaptive=jk.Adaptive(seed=7))
+    assert isinstance(found, xarray.Dataset)
+    assert found.forward_count.dims == ("cell",)
+    assert found.low.dims == found.high.dims == ("cell", "axis")
+    assert list(found.axis.values) == ["rho1", "rho3"]
+    request = json.loads(found.attrs["request"])
+    assert request["adaptive"]["seed"] == 7
+    assert request["adaptive"]["stride"] == 32
+    assert found.attrs["request_hash"] != jk.sweep(ROBOT, "forward_count", SECTION).attrs["request_hash"]
+    assert type(found.to_dataset()) is xarray.Dataset
+
+
+def test_ctrl_c_leaves_the_cells_so_far():
+    calls = iter(range(10**6))
+
+    def unpack(arrays):
+        if next(calls) == 2:
+            raise KeyboardInterrupt
+        return arrays
+
+    own = labelled(lambda x, y: x * x + y * y < 0.3, "cut", "bool")
+    field = jk.Field(**{**vars(own), "unpack": unpack})
+    with pytest.raises(jk.SweepInterrupted) as caught:
+        jk.sweep(ROBOT, field, PLANE, adaptive=True, workers=1)
+    assert caught.value.dataset.attrs["complete"] == 0
+    assert caught.value.samples_done == caught.value.dataset.attrs["evaluations"] > 0
+    assert "interrupted" in repr(caught.value.dataset)
+
+
+def test_keys_keep_cells_together():
+    place = np.array([[3, 5, 1], [0, 0, 0], [7, 7, 7], [300, 2, 260]])
+    keys = lattices.morton(place, 9)
+    naive = [sum(((int(p) >> b) & 1) << (3 * b + 2 - k) for b in range(9) for k, p in enumerate(row)) for row in place]
+    assert keys.tolist() == naive
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: jk.Adaptive(stride=0), ["stride is 0", "at least 1"]),
+        (lambda: jk.Adaptive(stride=2.0), ["stride is 2.0", "whole"]),
+        (lambda: jk.Adaptive(stride=True), ["stride is True"]),
+        (lambda: jk.Adaptive(stride=12), ["stride is 12", "power of two", "8 or 16"]),
+        (lambda: jk.Adaptive(probes=-1), ["probes is -1", "at least 0"]),
+        (lambda: jk.Adaptive(seed="a"), ["seed is 'a'"]),
+        (lambda: jk.Adaptive(label=3), ["label is 3"]),
+        (lambda: sweep(adaptive=jk.Adaptive(stride=256)), ["stride is 256", "160", "128"]),
+        (lambda: sweep(adaptive="yes"), ["'yes'", "jk.Adaptive"]),
+        (lambda: sweep(adaptive=True, store="x.zarr"), ["in memory", "store"]),
+        (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sign")), ["forward_count", "sign"]),
+        (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sing")), ["'sing'", "'forward_count'"]),
+        (lambda: poses("direct_determinant"), ["real numbers", "jk.Adaptive(label='sign')"]),
+        (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="complex128"), ["complex128", "'bool'"]),
+        (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="what"), ["what", "integer"]),
+        (lambda: sweep(adaptive=True).to_dense(3), ["int", "jk.Grid"]),
+        (lambda: sweep(adaptive=True).to_dense(jk.Grid(rho1=(0.0, 1.0, 3), rho2=2.0, rho3=(0.0, 1.0, 3))), ["rho2", "1.0"]),
+        (lambda: jk.plot.cells(3), ["int", "adaptive"]),
+        (lambda: jk.plot.cells(sweep()), ["no cells", "jk.plot.section"]),
+    ],
+)
+def test_bad_requests_are_named(call, words):
+    with pytest.raises(jk.InputError) as caught:
+        call()
+    for word in words:
+        assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def sweep(field="forward_count", **options):
+    return jk.sweep(ROBOT, field, SECTION, **options)
+
+
+def poses(field):
+    return jk.sweep(ROBOT, field, jk.Grid(x=(-1.0, 1.0, 9), y=0.0, phi=(*TURN, 8)), adaptive=True)
+
+
+def test_the_figure_draws_every_cell():
+    import matplotlib.pyplot as plt
+
+    for result in (
+        jk.sweep(ROBOT, "forward_count", SECTION, adaptive=jk.Adaptive(proof=4)),
+        jk.sweep(LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 40), y=(-3.0, 3.0, 40), phi=0.4), adaptive=True).isel(branch=0),
+    ):
+        ax = jk.plot.cells(result)
+        drawn = sum(len(c.get_paths()) for c in ax.collections)
+        assert drawn == result.sizes["cell"]
+        assert str(result.attrs["evaluations"]) in ax.get_title()
+        plt.close(ax.figure)
