@@ -121,7 +121,9 @@ def _looks(label: xarray.DataArray, present: np.ndarray) -> tuple[list[str], lis
     if str(label.name) == "forward_count":
         return [style.count_colour(int(v)) for v in present], [str(int(v)) for v in present]
     if label.dtype == bool:
-        return [style.OKABE_ITO["sky"] if v else "#FFFFFF" for v in present], ["true" if v else "false" for v in present]
+        return [style.OKABE_ITO["sky"] if v else "#FFFFFF" for v in present], [
+            "true" if v else "false" for v in present
+        ]
     return [_CATEGORIES[k % len(_CATEGORIES)] for k in range(len(present))], [str(int(v)) for v in present]
 
 

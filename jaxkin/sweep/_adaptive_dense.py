@@ -84,5 +84,3 @@ class CellMap:
     def _lead_first(self, dense: np.ndarray) -> np.ndarray:
         d = self.lattice.dimension
         return np.ascontiguousarray(np.moveaxis(dense, range(d), range(-d, 0)))
-
-

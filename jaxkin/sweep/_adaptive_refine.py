@@ -4,6 +4,7 @@ After every round the same holds: a cell of more than one step has known samples
 its faces too. So a boundary that enters a cell through a face shared with finer ones splits it as well.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -18,6 +19,8 @@ from jaxkin.sweep.fields import Variable
 _CHUNK = 1 << 17
 #: The error estimate holds with this probability, over all rounds of probes together.
 CONFIDENCE = 0.95
+#: For so many probes of cells without proof one sample of a proved cell is asked for, against wrong walls.
+_CHECKS = 4
 
 
 @dataclass
@@ -75,25 +78,38 @@ class Refinement:
     def probe(self, probes: Probes, count: int) -> None:
         """Asks for random samples, in rounds of so many, until one of them finds nothing new."""
         draw = np.random.default_rng(probes.seed)
+        self._check_proofs(draw, -(-count // _CHECKS))
         while True:
             tree = self.tree
             open_cells = np.flatnonzero(tree.constant & (tree.size > 1) & (tree.proof != PROVED))
-            sides = self.lattice.high(tree.low[open_cells], tree.size[open_cells]) - tree.low[open_cells]
-            ends = np.cumsum(np.prod(sides, axis=1))
-            if not len(ends):
+            if not len(open_cells):
                 probes.bound = 0.0
                 return
-            which = np.searchsorted(ends, draw.integers(ends[-1], size=count), side="right")
-            place = tree.low[open_cells][which] + draw.integers(sides[which])
+            place, which, population = self._drawn(draw, open_cells, count)
             self.samples.meet(place)
             keys = self.lattice.keys(place)
             probes.asked, probes.rounds = probes.asked + count, probes.rounds + 1
-            hits = int(np.sum(self.samples.labels(keys) != tree.label[open_cells][which]))
+            hits = int(np.sum(self.samples.labels(keys) != tree.label[which]))
             if not hits:
-                probes.bound = _bound(count, probes.rounds) * float(ends[-1]) / float(np.prod(self.lattice.shape))
+                probes.bound = _bound(count, probes.rounds) * population / math.prod(self.lattice.shape)
                 return
             probes.hits += hits
             self._settle(np.unique(keys))
+
+    def _drawn(self, draw: np.random.Generator, cells: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, int]:
+        """Draws samples of cells, all as likely: their places, in which cells, and of how many samples."""
+        sides = self.lattice.high(self.tree.low[cells], self.tree.size[cells]) - self.tree.low[cells]
+        ends = np.cumsum(np.prod(sides, axis=1))
+        which = np.searchsorted(ends, draw.integers(ends[-1], size=count), side="right")
+        return self.tree.low[cells][which] + draw.integers(sides[which]), cells[which], int(ends[-1])
+
+    def _check_proofs(self, draw: np.random.Generator, count: int) -> None:
+        """Samples proved cells: no proof is better than the walls that a field declares."""
+        proved = np.flatnonzero((self.tree.size > 1) & (self.tree.proof == PROVED))
+        if len(proved):
+            place, _, _ = self._drawn(draw, proved, count)
+            self.samples.meet(place)
+            self._settle(np.unique(self.lattice.keys(place)))
 
     def _settle(self, pending: np.ndarray) -> None:
         """Splits until no known sample differs from a cell of more than one step, and no proof is left to try."""

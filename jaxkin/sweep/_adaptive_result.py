@@ -84,11 +84,17 @@ class AdaptiveSweep(xarray.Dataset):
                     variables.append(other)
                     dense[other.name] = cells.scattered(np.moveaxis(self[name].values, -1, 0), samples, other.missing)
         else:
-            dense = {variable.name: cells.nearest(self._steps(bound, own), label, at_samples, samples, variable.missing)}
+            dense = {
+                variable.name: cells.nearest(self._steps(bound, own), label, at_samples, samples, variable.missing)
+            }
             variables = [variable]
-        made = {v.name: (labelled.variable_dims(v, bound), dense[v.name], labelled.variable_attrs(v)) for v in variables}
+        made = {
+            v.name: (labelled.variable_dims(v, bound), dense[v.name], labelled.variable_attrs(v)) for v in variables
+        }
         names = {name: list(values) for v in variables for name, values in v.dims}
-        kept = {key: self.attrs[key] for key in ("mechanism", "field", "request", "request_hash", "complete", "run_log")}
+        kept = {
+            key: self.attrs[key] for key in ("mechanism", "field", "request", "request_hash", "complete", "run_log")
+        }
         return xarray.Dataset(made, coords={**labelled.axis_coordinates(bound), **names}, attrs=kept)
 
     def measure(self) -> xarray.Dataset:
@@ -132,7 +138,9 @@ class AdaptiveSweep(xarray.Dataset):
 
     def _bound(self, grid: Grid, own: BoundGrid) -> BoundGrid:
         if not isinstance(grid, Grid):
-            raise InputError(f"to_dense got {type(grid).__name__}: pass a jk.Grid, or nothing for the sweep's own grid.")
+            raise InputError(
+                f"to_dense got {type(grid).__name__}: pass a jk.Grid, or nothing for the sweep's own grid."
+            )
         bound = grid.bind(self._axes(), "same")
         for axis, mine, other in zip(own.axes, own.values, bound.values, strict=True):
             if isinstance(mine, Span) != isinstance(other, Span) or (not isinstance(mine, Span) and mine != other):

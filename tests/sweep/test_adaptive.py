@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 import jaxkin as jk
 from jaxkin.sweep import _adaptive_lattice as lattices
 from jaxkin.sweep import _adaptive_samples
+from tests.oracles import rpr3_regions
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 LIMITED = ROBOT.with_limits(rho1=(0.5, 2.0), rho2=(0.25, 2.5))
@@ -34,15 +35,17 @@ def dense_label(robot, field, grid, label):
 
 def check_proofs(found, dense):
     """Every sample in a proved cell, faces included, has the label of the cell."""
-    shape = dense.shape[dense.ndim - found.sizes["axis"] :]
-    dense = dense.reshape(-1, *shape)
-    labels = found.label.values.reshape(-1, found.sizes["cell"])
-    steps = found._lattice().steps
-    for cell in np.flatnonzero(found.constant.values == 2):
-        low = found.place.values[cell]
-        high = np.minimum(low + found["size"].values[cell], steps)
-        block = dense[np.ix_(range(len(dense)), *(np.arange(a, b + 1) % n for a, b, n in zip(low, high, shape, strict=True)))]
-        assert np.all(block.reshape(len(dense), -1) == labels[:, cell : cell + 1])
+    lattice = found._lattice()
+    lead = dense.ndim - lattice.dimension
+    turns = [(0, steps + 1 - samples) for steps, samples in zip(lattice.steps, lattice.shape, strict=True)]
+    whole = np.pad(dense, [(0, 0)] * lead + turns, mode="wrap").reshape(-1, *(n + 1 for n in lattice.steps))
+    labels = found.label.values.reshape(len(whole), -1)
+    proved = np.flatnonzero(found.constant.values == 2)
+    low = found.place.values[proved].astype(int)
+    high = lattice.high(low, found["size"].values[proved]) + 1
+    for cell, begin, end in zip(proved, low.tolist(), high.tolist(), strict=True):
+        block = whole[(slice(None), *map(slice, begin, end))].reshape(len(whole), -1)
+        assert (block == labels[:, cell : cell + 1]).all()
 
 
 CASES = {
@@ -56,7 +59,12 @@ CASES = {
         jk.Grid(rho1=(0.0, 4.0, 41), rho2=(0.0, 3.0, 37), rho3=(0.0, 4.0, 29)),
         {"stride": 8},
     ),
-    "count of another robot": (TLPM, "forward_count", jk.Grid(l1=(-300.0, 300.0, 40), l2=(-300.0, 300.0, 31), l3=0.0), {}),
+    "count of another robot": (
+        TLPM,
+        "forward_count",
+        jk.Grid(l1=(-300.0, 300.0, 40), l2=(-300.0, 300.0, 31), l3=0.0),
+        {},
+    ),
     "general count": (
         jk.mechanisms.rpr3.reference(),
         "forward_count",
@@ -66,7 +74,7 @@ CASES = {
     "sign over a turn": (
         ROBOT,
         "direct_determinant",
-        jk.Grid(x=(-3.0, 3.0, 37), y=(-3.0, 3.0, 30), phi=(*TURN, 32)),
+        jk.Grid(x=(-3.0, 3.0, 25), y=(-3.0, 3.0, 22), phi=(*TURN, 24)),
         {"label": "sign", "stride": 8},
     ),
     "sign within limits": (
@@ -78,7 +86,7 @@ CASES = {
     "sign, periods twice": (
         PPPS3,
         "direct_determinant",
-        jk.Grid(x=0.1, y=0.2, z=0.1, phi=(*TURN, 24), theta=(-1.5, 1.5, 21), sigma=(*TURN, 20)),
+        jk.Grid(x=0.1, y=0.2, z=0.1, phi=(*TURN, 20), theta=(-1.5, 1.5, 13), sigma=(*TURN, 18)),
         {"label": "sign", "stride": 8},
     ),
     "statuses": (LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 90), y=(-3.0, 3.0, 77), phi=0.4), {}),
@@ -88,11 +96,20 @@ CASES = {
         jk.Grid(x=(-500.0, 500.0, 60), y=(-500.0, 500.0, 65), z=10.0),
         {"stride": 8},
     ),
-    "statuses of branches": (ROBOT, "forward_branches", jk.Grid(rho1=(0.1, 4.0, 60), rho2=1.0, rho3=(0.1, 4.0, 70)), {}),
+    "statuses of branches": (
+        ROBOT,
+        "forward_branches",
+        jk.Grid(rho1=(0.1, 4.0, 60), rho2=1.0, rho3=(0.1, 4.0, 70)),
+        {},
+    ),
 }
 
 
-@pytest.mark.parametrize("case", CASES)
+#: Cases whose fields take long to compile.
+SLOW = ("general count", "binding limit")
+
+
+@pytest.mark.parametrize("case", [pytest.param(c, marks=pytest.mark.slow) if c in SLOW else c for c in CASES])
 def test_the_dense_sweep_again(case):
     robot, field, grid, options = CASES[case]
     found = jk.sweep(robot, field, grid, adaptive=jk.Adaptive(**options))
@@ -100,7 +117,7 @@ def test_the_dense_sweep_again(case):
     expected = dense_label(robot, field, grid, found.attrs["label"])
     np.testing.assert_array_equal(again[found.attrs["label"]].values, expected)
     check_proofs(found, expected)
-    assert found.attrs["evaluations"] == found.sizes["sample"] <= expected[..., :].size
+    assert found.attrs["evaluations"] == found.sizes["sample"] <= expected.size
 
 
 def test_a_dense_map_has_the_labels_of_a_dense_sweep():
@@ -129,7 +146,7 @@ def test_cells_fill_the_grid_and_boundary_cells_are_one_step_wide():
     assert volume.sum() == pytest.approx(16.0, rel=1e-12)
     mixed = found.constant.values == 0
     assert np.all(found["size"].values[mixed] == 1)
-    np.testing.assert_array_equal(found["size"], 32 >> found.level)
+    np.testing.assert_array_equal(found["size"], 32 >> found.level.values)
     covered = np.zeros((160, 149), int)
     for low, size in zip(found.place.values, found["size"].values, strict=True):
         covered[low[0] : low[0] + size, low[1] : low[1] + size] += 1
@@ -143,7 +160,9 @@ def disc(x, y, radius, name="in_disc"):
 
 
 def labelled(function, name, dtype="int32"):
-    return jk.fields.from_function(lambda robot, pose: function(pose[0], pose[1]), name=name, domain="pose", dtype=dtype)
+    return jk.fields.from_function(
+        lambda robot, pose: function(pose[0], pose[1]), name=name, domain="pose", dtype=dtype
+    )
 
 
 #: Closures over other numbers are other fields, each compiled anew: their numbers travel as the robot's geometry.
@@ -234,18 +253,21 @@ def test_walls_of_ones_own_prove_and_wrong_ones_are_named():
     grid = jk.Grid(x=(-1.0, 1.0, 129), y=(-1.0, 1.0, 129), phi=0.0)
 
     def passed(robot, pose):
-        return (pose[0] > 0.31).astype(int) + (pose[0] ** 2 + pose[1] ** 2 < 0.5)
+        return (pose[0] > 0.31).astype(int) + ((pose[0] + 0.27) ** 2 + (pose[1] - 0.24) ** 2 < 0.02)
 
     def walls(robot, pose):
-        return jnp.stack([pose[0] - 0.31, pose[0] ** 2 + pose[1] ** 2 - 0.5])
+        return jnp.stack([pose[0] - 0.31, (pose[0] + 0.27) ** 2 + (pose[1] - 0.24) ** 2 - 0.02])
 
     field = jk.fields.from_function(passed, name="passed", domain="pose", dtype="int8", walls=walls)
     found = jk.sweep(ROBOT, field, grid, adaptive=True)
     np.testing.assert_array_equal(found.to_dense().passed, jk.sweep(ROBOT, field, grid).passed)
     assert np.all(found.constant.values[found["size"].values > 1] == 2)
+    # What no sample met, samples of proved cells may.
     bad = jk.fields.from_function(
         passed, name="passed_badly", domain="pose", dtype="int8", walls=lambda robot, pose: pose[:1] - 0.31
     )
+    blind = jk.sweep(ROBOT, bad, grid, adaptive=jk.Adaptive(stride=64, probes=0))
+    assert blind.label.values.max() == 1
     with pytest.raises(jk.InputError, match=r"no wall and two labels.*proof=0"):
         jk.sweep(ROBOT, bad, grid, adaptive=jk.Adaptive(stride=64))
 
@@ -254,7 +276,9 @@ def test_the_cost_grows_like_the_boundary():
     counts = []
     for n in (256, 512, 1024):
         grid = jk.Grid(rho1=(0.0, 4.0, n + 1), rho2=1.0, rho3=(0.0, 4.0, n + 1))
-        counts.append(jk.sweep(ROBOT, "forward_count", grid, adaptive=jk.Adaptive(proof=0, probes=0)).attrs["evaluations"])
+        counts.append(
+            jk.sweep(ROBOT, "forward_count", grid, adaptive=jk.Adaptive(proof=0, probes=0)).attrs["evaluations"]
+        )
     assert counts[1] / counts[0] < 2.3
     assert counts[2] / counts[1] < 2.3
     assert counts[2] < 0.04 * 1024**2
@@ -302,10 +326,11 @@ def test_measures_bound_the_exact_areas():
 def test_areas_of_the_analytic_section():
     section = jk.Grid(rho1=(0.0, 4.0, 1025), rho2=1.0, rho3=(0.0, 4.0, 1025))
     found = jk.sweep(ROBOT, "forward_count", section, adaptive=True).measure()
-    for number, exact in ((2, 6.01409), (4, 0.4123), (6, 0.63884)):
-        six = found.sel(label=number)
-        assert float(six.proved_low) < float(six.low) < float(six["measure"]) < float(six.high) < float(six.proved_high)
-        assert float(six["measure"]) == pytest.approx(exact, abs=1e-3)
+    exact = json.loads(rpr3_regions.DATA.read_text())["analytic 1 0 1, rho2 = 1, [0, 4]^2"]["area_by_count"]
+    for number, area in ((int(number), area) for number, area in exact.items()):
+        own = found.sel(label=number)
+        assert float(own.proved_low) < float(own.low) < area < float(own.high) < float(own.proved_high)
+        assert float(own["measure"]) == pytest.approx(area, abs=2e-3)
 
 
 def test_branches_are_measured_each():
@@ -324,11 +349,18 @@ def test_another_grid_takes_the_nearest_labels():
     assert np.all(far.where(~inside, -1) == -1)
     assert float((far != dense).where(inside, False).mean()) < 0.02
     xarray.testing.assert_equal(found.to_dense(SECTION).forward_count, found.to_dense().forward_count)
-    turn = jk.sweep(ROBOT, "direct_determinant", jk.Grid(x=(-3.0, 3.0, 97), y=0.3, phi=(*TURN, 90)), adaptive=jk.Adaptive(label="sign"))
+    turn = jk.sweep(
+        ROBOT,
+        "direct_determinant",
+        jk.Grid(x=(-3.0, 3.0, 97), y=0.3, phi=(*TURN, 90)),
+        adaptive=jk.Adaptive(label="sign"),
+    )
     shifted = turn.to_dense(jk.Grid(x=(-3.0, 3.0, 50), y=0.3, phi=(0.0, 2 * math.pi, 64))).direct_determinant_sign
     assert set(np.unique(shifted)) == {-1, 1}
 
 
+# Text has no settled form in Zarr 3.
+@pytest.mark.filterwarnings("ignore:The data type")
 def test_a_result_goes_through_a_file(tmp_path):
     found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True)
     found.to_zarr(tmp_path / "cells.zarr", consolidated=False)
@@ -396,7 +428,10 @@ def test_keys_keep_cells_together():
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="complex128"), ["complex128", "'bool'"]),
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="what"), ["what", "integer"]),
         (lambda: sweep(adaptive=True).to_dense(3), ["int", "jk.Grid"]),
-        (lambda: sweep(adaptive=True).to_dense(jk.Grid(rho1=(0.0, 1.0, 3), rho2=2.0, rho3=(0.0, 1.0, 3))), ["rho2", "1.0"]),
+        (
+            lambda: sweep(adaptive=True).to_dense(jk.Grid(rho1=(0.0, 1.0, 3), rho2=2.0, rho3=(0.0, 1.0, 3))),
+            ["rho2", "1.0"],
+        ),
         (lambda: jk.plot.cells(3), ["int", "adaptive"]),
         (lambda: jk.plot.cells(sweep()), ["no cells", "jk.plot.section"]),
     ],
@@ -422,7 +457,9 @@ def test_the_figure_draws_every_cell():
 
     for result in (
         jk.sweep(ROBOT, "forward_count", SECTION, adaptive=jk.Adaptive(proof=4)),
-        jk.sweep(LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 40), y=(-3.0, 3.0, 40), phi=0.4), adaptive=True).isel(branch=0),
+        jk.sweep(
+            LIMITED, "inverse_branches", jk.Grid(x=(-3.0, 3.0, 40), y=(-3.0, 3.0, 40), phi=0.4), adaptive=True
+        ).isel(branch=0),
     ):
         ax = jk.plot.cells(result)
         drawn = sum(len(c.get_paths()) for c in ax.collections)
