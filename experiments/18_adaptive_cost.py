@@ -1,8 +1,8 @@
 """What a digit of area or volume costs: adaptive sweeps against uniform grids, evaluations and seconds, in one table.
 
 All take the same finest grid. With proofs the labels are the same at all of its samples, so that the areas are the same
-number; by samples alone a few may be missed, and the table says how many. Only what is evaluated differs. Exact values: the area from the singular curves (``jk.regions``), the volume in
-closed form (``jk.workspace_volume``).
+number; by samples alone a few may be missed, and the table says how many. Exact values: the area from the singular
+curves (``jk.regions``), the volume in closed form (``jk.workspace_volume``).
 """
 
 import time
@@ -66,7 +66,8 @@ def section_rows() -> list[list[str]]:
     robot = jk.mechanisms.rpr3.analytic(c2=1.0, c3=0.0, d3=1.0)
     grid = jk.Grid(rho1=(0.0, 4.0, 200), rho2=1.0, rho3=(0.0, 4.0, 200))
     regions = jk.regions(robot, grid)
-    exact = sum(region.area for region in regions if region.n_solutions == 6)
+    assert isinstance(regions, jk.Regions)
+    exact = regions.areas_by_number()[6]
     rows = []
     for n in _SECTION_SAMPLES:
         grid = jk.Grid(rho1=(0.0, 4.0, n), rho2=1.0, rho3=(0.0, 4.0, n))

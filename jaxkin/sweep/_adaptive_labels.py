@@ -41,7 +41,8 @@ def labelling(robot: Mechanism, swept: Field, choice: str | None) -> "Labelling"
         known = ", ".join(repr(name) for name in discrete)
         remedy = f"choose {known}" if known else f"ask for its sign with jk.Adaptive(label={SIGN!r})"
         raise InputError(
-            f"Field {swept.name!r} cannot be swept adaptively: {wrong}, and only what is constant in cells can; {remedy}."
+            f"Field {swept.name!r} cannot be swept adaptively: {wrong}, and only what is constant in cells can; "
+            f"{remedy}."
         )
     name = choice
     return Labelling(variables[name], lambda values: values[name])

@@ -80,7 +80,7 @@ class Lattice:
 
     def keys(self, place: np.ndarray) -> np.ndarray:
         """Returns the number of each sample ``(..., d)`` in the order of a dense array; periodic axes wrap."""
-        return np.ravel_multi_index(tuple(np.moveaxis(place % self.shape, -1, 0)), self.shape)
+        return np.asarray(np.ravel_multi_index(tuple(np.moveaxis(place % self.shape, -1, 0)), self.shape))
 
     def places(self, keys: np.ndarray) -> np.ndarray:
         """Returns the places of numbered samples, ``(k, d)``."""

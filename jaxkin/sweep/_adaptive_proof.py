@@ -43,7 +43,7 @@ class Prover:
     def __init__(self, robot: Mechanism, walls: Walls, grid: BoundGrid, lattice: Lattice):
         self._lattice, self._axes, free = lattice, corner_coordinates(grid), grid.free
         fixed = np.array([0.0 if isinstance(value, Span) else value for value in grid.values])
-        self._limits = _limits(walls, fixed, free)
+        self._limits, self._walls = _limits(walls, fixed, free), walls
 
         def of_free(parameters: tuple[Mechanism, Array], u: Array) -> Array:
             own, rest = parameters
@@ -83,7 +83,10 @@ class Prover:
         ask = np.flatnonzero(inside)
         if len(ask):
             least, most = self._bounds(below[:, ask], above[:, ask])
-            proved[ask] = np.all((least > self._tiny) | (most < -self._tiny), axis=0)
+            negative = most < -self._tiny
+            sure = negative | (least > self._tiny)
+            beyond = np.any(negative[len(sure) - self._walls.inner :], axis=0)
+            proved[ask] = np.all(sure, axis=0) | (np.all(sure[: self._walls.always], axis=0) & beyond)
         return proved
 
     def _within(self, below: np.ndarray, above: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -28,11 +28,16 @@ AT_SAMPLES = "_at_samples"
 class AdaptiveSweep(xarray.Dataset):
     """Cells in which a field is constant, and the evidence for it; an ``xarray.Dataset`` made by ``jk.sweep``.
 
-    Variables over ``cell``: the label (the field's own variable), ``low`` and ``high`` corners ``(cell, axis)``, ``place``
-    and ``size`` in grid steps, ``level`` (0 for the coarsest), and ``constant``: 0 the cell is one grid step wide and
-    its corners differ (its label is the one of most of them), 1 all samples met in it are alike, 2 it is proved
-    constant. Variables over ``sample`` hold what was evaluated. Attributes: ``evaluations``, ``resolution`` (the sides of
-    boxes of which none is missed), ``probes``, ``seed``, ``missed_share_bound``.
+    Variables over ``cell``: the label (the field's own variable), ``low`` and ``high`` corners ``(cell, axis)``,
+    ``place`` and ``size`` in grid steps, ``level`` (0 for the coarsest), and ``constant``: 0 the cell is one grid step
+    wide and its corners differ (its label is the one of most of them), 1 all samples met in it are alike, 2 it is
+    proved constant. Variables over ``sample`` hold what was evaluated.
+
+    What always holds: a part of one label that holds a box of the sides ``resolution`` is met; and a part of which one
+    sample is met (samples joined through cells of one step, diagonals included) is reproduced to its last sample. Of
+    other parts, ``missed_share_bound`` says how large a share of the grid's samples they are at most, with 95 %, from
+    ``probes`` random samples in ``probe_rounds`` rounds by ``seed``. Where all cells of more than one step are proved
+    nothing is missed; a proof holds for exact values of the field, and is as good as the walls that it declares.
     """
 
     __slots__ = ()
@@ -233,7 +238,7 @@ def _corner(ends: list[np.ndarray], place: np.ndarray) -> np.ndarray:
 
 
 def _cell_labels(refinement: Refinement) -> np.ndarray:
-    """Returns the number of each cell's label: of a mixed one that of most of its corners, of the first among equals."""
+    """Returns the number of each cell's label: of a mixed one that of most corners, of the first among equals."""
     tree, lattice = refinement.tree, refinement.lattice
     number = tree.label.copy()
     mixed = np.flatnonzero(~tree.constant)

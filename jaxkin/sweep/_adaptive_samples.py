@@ -50,7 +50,12 @@ class Evaluator:
         pieces = [place[start : start + self._block] for start in range(0, len(place), self._block)]
         if self._workers > 1 and len(pieces) > 1:
             with concurrent.futures.ThreadPoolExecutor(self._workers, thread_name_prefix="jaxkin-adaptive") as pool:
-                found = list(pool.map(self._piece, pieces))
+                try:
+                    found = list(pool.map(self._piece, pieces))
+                except BaseException:
+                    # Else Ctrl-C would wait for all blocks.
+                    pool.shutdown(wait=False, cancel_futures=True)
+                    raise
         else:
             found = [self._piece(piece) for piece in pieces]
         return {v.name: np.concatenate([part[v.name] for part in found], axis=-1) for v in self._variables}

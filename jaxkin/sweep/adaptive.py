@@ -44,8 +44,8 @@ class Adaptive:
         seed: Of the random samples.
         proof: Cells of more grid steps are split until they are proved constant, where the field has walls that
             can prove it: 1 proves all that can be, 0 tries no proof.
-        label: What is constant in cells, where the field leaves a choice: ``"sign"`` of a real field, or the name of one
-            of its discrete variables.
+        label: What is constant in cells, where the field leaves a choice: ``"sign"`` of a real field, or the name of
+            one of its discrete variables.
 
     Raises:
         InputError: A number is not whole or out of range.
@@ -64,9 +64,10 @@ class Adaptive:
         if self.stride is not None:
             _check_whole("stride", self.stride, 1)
             if self.stride & (self.stride - 1):
+                below = 1 << (int(self.stride).bit_length() - 1)
                 raise InputError(
                     f"jk.Adaptive: stride is {self.stride}: it must be a power of two, so that cells can be halved to "
-                    f"one grid step; take {1 << (int(self.stride).bit_length() - 1)} or {1 << int(self.stride).bit_length()}."
+                    f"one grid step; take {below} or {2 * below}."
                 )
         if self.label is not None and not isinstance(self.label, str):
             raise InputError(f"jk.Adaptive: label is {self.label!r}: give the name of a variable, 'sign', or None.")
@@ -140,6 +141,8 @@ def adaptive_sweep(
             if options.probes:
                 refinement.probe(probes, options.probes)
         except KeyboardInterrupt:
+            if not len(refinement.tree):
+                raise
             message = f"Stopped after {samples.evaluated} samples of an adaptive sweep."
             raise SweepInterrupted(message, result(False), samples.evaluated) from None
         return result(True)

@@ -264,12 +264,12 @@ def _per_working_mode(
     long_name: str,
     measure: Callable[[Mechanism, Array, Array], Array],
     walls: Callable[[Mechanism], Walls | None] = lambda robot: None,
-    **attrs: Any,
+    attrs: dict[str, Any] | None = None,
 ) -> Field:
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
     def variables(robot: Mechanism) -> tuple[Variable, ...]:
-        return (Variable(name, "float64", unit, long_name, _working_modes(robot), attrs=attrs),)
+        return (Variable(name, "float64", unit, long_name, _working_modes(robot), attrs=attrs or {}),)
 
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
@@ -305,7 +305,7 @@ smallest_singular_value = _per_working_mode(
     "1",
     "smallest singular value of the scaled dq/dx",
     lambda robot, x, q: raw_conditioning(robot, x, q).smallest_singular_value,
-    **_SCALED,
+    attrs=_SCALED,
 )
 
 #: Smallest over largest singular value of the scaled dq/dx.
@@ -314,7 +314,7 @@ inverse_condition_number = _per_working_mode(
     "1",
     "inverse condition number of the scaled dq/dx",
     lambda robot, x, q: raw_conditioning(robot, x, q).inverse_condition_number,
-    **_SCALED,
+    attrs=_SCALED,
 )
 
 
