@@ -7,6 +7,7 @@ curves (``jk.regions``), the volume in closed form (``jk.workspace_volume``).
 
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,8 @@ from _common import start
 
 import jaxkin as jk
 
-_SECTION_SAMPLES = (129, 257, 513, 1025, 2049, 4097)
+_ANALYTIC_SAMPLES = (129, 257, 513, 1025, 2049, 4097)
+_REFERENCE_SAMPLES = (129, 257, 513, 1025)
 _BOX_SAMPLES = (33, 65, 129, 257)
 #: A box that holds the upper workspace of the TLPM, mm; no sample lies on its planes of symmetry but y = 0.
 _BOX = {"x": (-390.0, 400.0), "y": (-340.0, 340.0), "z": (-410.0, 310.0)}
@@ -42,70 +44,83 @@ def uniform_measure(inside: np.ndarray, volume: float) -> float:
     return float(weights.sum()) * volume / float(np.prod(np.subtract(inside.shape, 1)))
 
 
-def row(
-    name: str, samples: str, exact: float, areas: tuple[float, float], found: tuple[Any, Any], seconds: tuple
-) -> list[str]:
-    """Returns one line of the table."""
-    uniform, adaptive = areas
-    assert abs(uniform - adaptive) < 1e-9 * exact
-    error = abs(adaptive - exact) / exact
-    costs = [found[0].attrs["grid_samples"], *(each.attrs["evaluations"] for each in found)]
-    return [
-        name,
-        samples,
-        f"{error:.1e}",
-        *(f"{cost}" for cost in costs),
-        *(f"{cost / -np.log10(error):.2g}" for cost in costs),
-        *(f"{each:.2g}" for each in seconds),
-        f"{found[0].attrs['differ']}",
-    ]
+@dataclass
+class Costs:
+    """One grid, swept in three ways: uniformly, by samples alone, and with proofs (None where there are none)."""
+
+    dense: xarray.Dataset
+    sampled: Any
+    proved: Any
+    seconds: tuple[float, ...]
+
+    def row(self, name: str, grid: str, exact: float, area: float, uniform: float) -> list[str]:
+        """Returns one line of the table."""
+        error = abs(uniform - exact) / exact
+        label = self.sampled.attrs["label"]
+        differ = int((self.sampled.to_dense()[label].values != self.dense[label].values).sum())
+        if self.proved is not None:
+            assert np.array_equal(self.proved.to_dense()[label].values, self.dense[label].values)
+            assert np.all(self.proved["size"].values[self.proved.constant.values == 1] == 1), "not all is proved"
+            assert abs(area - uniform) < 1e-9 * exact
+        swept = [each for each in (self.sampled, self.proved) if each is not None]
+        costs = [self.sampled.attrs["grid_samples"], *(each.attrs["evaluations"] for each in swept)]
+        digits = -np.log10(error)
+        columns = (
+            [f"{cost}" for cost in costs],
+            [f"{cost / digits:,.0f}" for cost in costs],
+            [f"{each:.2g}" for each in self.seconds],
+        )
+        missing = ["-"] * (3 - len(costs))
+        cells = [text for column in columns for text in (*column, *missing)]
+        print(swept[-1], f"\n  by samples alone {differ} samples differ, area {area!r}", flush=True)
+        return [name, grid, f"{error:.1e}", *cells, f"{differ}"]
 
 
-def section_rows() -> list[list[str]]:
-    """The area with six solutions of the section rho2 = 1 of the analytic 3-RPR."""
-    robot = jk.mechanisms.rpr3.analytic(c2=1.0, c3=0.0, d3=1.0)
-    grid = jk.Grid(rho1=(0.0, 4.0, 200), rho2=1.0, rho3=(0.0, 4.0, 200))
-    regions = jk.regions(robot, grid)
+def swept(robot: Any, field: str, grid: jk.Grid) -> Costs:
+    """Sweeps a field in all ways that it allows."""
+    dense, uniform = timed(lambda: jk.sweep(robot, field, grid))
+    quick = jk.Adaptive(proof=0, probes=0)
+    sampled, light = timed(lambda: jk.sweep(robot, field, grid, adaptive=quick))
+    if jk.fields.by_name(field).walls(robot) is None:
+        return Costs(dense, sampled, None, (uniform, light))
+    proved, full = timed(lambda: jk.sweep(robot, field, grid, adaptive=True))
+    return Costs(dense, sampled, proved, (uniform, light, full))
+
+
+def area_rows(name: str, robot: Any, samples: tuple[int, ...], **axes: Any) -> list[list[str]]:
+    """The area with six solutions of a section of a 3-RPR; free axes are given by their ends."""
+    spaces = {key: ends for key, ends in axes.items() if isinstance(ends, tuple)}
+
+    def grid(n: int) -> jk.Grid:
+        return jk.Grid(**{**axes, **{key: (*ends, n) for key, ends in spaces.items()}})
+
+    regions = jk.regions(robot, grid(200))
     assert isinstance(regions, jk.Regions)
     exact = regions.areas_by_number()[6]
+    whole = float(np.prod([high - low for low, high in spaces.values()]))
     rows = []
-    for n in _SECTION_SAMPLES:
-        grid = jk.Grid(rho1=(0.0, 4.0, n), rho2=1.0, rho3=(0.0, 4.0, n))
-        found, dense, seconds = both(robot, "forward_count", grid)
-        area = float(found[1].measure()["measure"].sel(label=6))
-        whole = uniform_measure(dense.forward_count.values == 6, 16.0)
-        rows.append(row("area, six solutions", f"{n}²", exact, (whole, area), found, seconds))
+    for n in samples:
+        costs = swept(robot, "forward_count", grid(n))
+        best = costs.sampled if costs.proved is None else costs.proved
+        area = float(best.measure()["measure"].sel(label=6))
+        uniform = uniform_measure(costs.dense.forward_count.values == 6, whole)
+        rows.append(costs.row(name, f"{n}²", exact, area, uniform))
     return rows
 
 
-def box_rows() -> list[list[str]]:
+def volume_rows() -> list[list[str]]:
     """The volume of the upper workspace of the TLPM: poses whose legs are within their strokes."""
     robot = jk.mechanisms.tlpm.create()
     exact = float(jk.workspace_volume(robot, branch="upper").volume)
+    whole = float(np.prod([high - low for low, high in _BOX.values()]))
     rows = []
     for n in _BOX_SAMPLES:
-        grid = jk.Grid(**{name: (*ends, n) for name, ends in _BOX.items()})
-        found, dense, seconds = both(robot, "inverse_branches", grid)
-        volume = float(found[1].measure()["measure"].sel(label=int(jk.Status.OK)).item())
-        inside = dense.inverse_branches_status.values[0] == jk.Status.OK
+        costs = swept(robot, "inverse_branches", jk.Grid(**{name: (*ends, n) for name, ends in _BOX.items()}))
+        area = float(costs.proved.measure()["measure"].sel(label=int(jk.Status.OK)).item())
+        inside = costs.dense.inverse_branches_status.values[0] == jk.Status.OK
         assert not any(face.any() for axis in range(3) for face in (inside.take(0, axis), inside.take(-1, axis)))
-        whole = uniform_measure(inside, float(np.prod([high - low for low, high in _BOX.values()])))
-        rows.append(row("volume, TLPM", f"{n}³", exact, (whole, volume), found, seconds))
+        rows.append(costs.row("volume, TLPM", f"{n}³", exact, area, uniform_measure(inside, whole)))
     return rows
-
-
-def both(robot: Any, field: str, grid: jk.Grid) -> tuple[tuple[Any, Any], xarray.Dataset, tuple[float, float, float]]:
-    """Sweeps uniformly, adaptively by samples alone, and adaptively with all proofs."""
-    dense, uniform = timed(lambda: jk.sweep(robot, field, grid))
-    quick = jk.Adaptive(proof=0, probes=0)
-    light, sampled = timed(lambda: jk.sweep(robot, field, grid, adaptive=quick))
-    found, proved = timed(lambda: jk.sweep(robot, field, grid, adaptive=True))
-    name = found.attrs["label"]
-    assert np.all(found["size"].values[found.constant.values == 1] == 1), "every larger cell is proved"
-    assert np.array_equal(found.to_dense()[name].values, dense[name].values)
-    light.attrs["differ"] = int((light.to_dense()[name].values != dense[name].values).sum())
-    print(found, f"\n  by samples alone {light.attrs['differ']} samples differ", flush=True)
-    return (light, found), dense, (uniform, sampled, proved)
 
 
 _HEADER = (
@@ -133,7 +148,13 @@ def markdown(rows: list[list[str]]) -> str:
 
 def main() -> None:
     folder = start("18", __doc__)
-    table = markdown(section_rows() + box_rows())
+    analytic = jk.mechanisms.rpr3.analytic(c2=1.0, c3=0.0, d3=1.0)
+    rows = area_rows("area, analytic 3-RPR", analytic, _ANALYTIC_SAMPLES, rho1=(0.0, 4.0), rho2=1.0, rho3=(0.0, 4.0))
+    reference = jk.mechanisms.rpr3.reference()
+    rows += area_rows(
+        "area, reference 3-RPR", reference, _REFERENCE_SAMPLES, rho1=14.98, rho2=(0.0, 40.0), rho3=(0.0, 40.0)
+    )
+    table = markdown(rows + volume_rows())
     for path in (folder / "adaptive_table.md", Path(__file__).parents[1] / "docs" / "adaptive_table.md"):
         path.write_text(table, encoding="utf-8")
         print(path)

@@ -116,11 +116,11 @@ class Refinement:
         while True:
             split, wrong = self._to_split(pending)
             if not len(split):
-                # Rounds look at fresh samples only; all of them are looked at in the end.
+                split = self._without_proof()
+            if not len(split):
+                # Rounds look at fresh samples only, which costs less; all of them are looked at in the end.
                 found = [self._differing(part) for part in self.samples.parts(_CHUNK)]
                 split, wrong = (np.unique(np.concatenate(parts)) for parts in zip(*found, strict=True))
-            if not len(split):
-                split = self._without_proof()
             if not len(split):
                 return
             low, size = self.lattice.children(self.tree.low[split], self.tree.size[split])
