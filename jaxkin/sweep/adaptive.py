@@ -60,11 +60,11 @@ class Adaptive:
     def __post_init__(self) -> None:
         """Checks the numbers."""
         for name in ("probes", "seed", "proof"):
-            _check_whole(name, getattr(self, name), 0)
+            object.__setattr__(self, name, _whole(name, getattr(self, name), 0))
         if self.stride is not None:
-            _check_whole("stride", self.stride, 1)
+            object.__setattr__(self, "stride", _whole("stride", self.stride, 1))
             if self.stride & (self.stride - 1):
-                below = 1 << (int(self.stride).bit_length() - 1)
+                below = 1 << (self.stride.bit_length() - 1)
                 raise InputError(
                     f"jk.Adaptive: stride is {self.stride}: it must be a power of two, so that cells can be halved to "
                     f"one grid step; take {below} or {2 * below}."
@@ -73,9 +73,11 @@ class Adaptive:
             raise InputError(f"jk.Adaptive: label is {self.label!r}: give the name of a variable, 'sign', or None.")
 
 
-def _check_whole(name: str, value: Any, least: int) -> None:
+def _whole(name: str, value: Any, least: int) -> int:
+    """Returns a number as the request holds it, a plain int."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
         raise InputError(f"jk.Adaptive: {name} is {value!r}: it must be a whole number of at least {least}.")
+    return int(value)
 
 
 def adaptive_options(adaptive: "bool | Adaptive | None") -> Adaptive | None:
@@ -151,7 +153,7 @@ def adaptive_sweep(
 def _lattice(grid: BoundGrid, options: Adaptive) -> Lattice:
     steps = tuple(n - (grid.axes[k].period is None) for k, n in zip(grid.free, grid.shape, strict=True))
     largest = 1 << (max(steps).bit_length() - 1)
-    stride = min(_STRIDE, largest) if options.stride is None else int(options.stride)
+    stride = min(_STRIDE, largest) if options.stride is None else options.stride
     if stride > max(steps):
         raise InputError(
             f"jk.Adaptive: stride is {stride} and the grid has at most {max(steps)} steps along an axis: choose "
