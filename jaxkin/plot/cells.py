@@ -1,5 +1,6 @@
 """The cells of an adaptive sweep over two free axes."""
 
+import itertools
 import textwrap
 from typing import Any
 
@@ -30,8 +31,8 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draws the cells of an adaptive sweep over two free axes: where it refined, and what it found.
 
     Numbers of solutions have the colours of ``jk.plot.section``, signs those of determinants, other labels one each.
-    Boundary cells, one grid step wide with corners that differ, are black; where the sweep proved cells constant those
-    that are so by samples alone are hatched.
+    Each is named in its largest cell. Boundary cells, one grid step wide with corners that differ, are black; where the
+    sweep proved cells constant those that are so by samples alone are hatched.
 
     Args:
         result: What ``jk.sweep(..., adaptive=True)`` returned; of a field with branches, one of them
@@ -56,7 +57,6 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
     # The label of a boundary cell is that of most corners; black says what it is.
     present = np.unique(values[constant > 0])
     colours, texts = _looks(label, present)
-    # As drawn: the edges of the smallest cells must not paint over their neighbours.
     handles = []
     proofs = bool(np.any(constant == 2))
     for value, colour, text in zip(present, colours, texts, strict=True):
@@ -64,6 +64,7 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
             some = (values == value) & (constant == (2 if proved else 1))
             _draw(ax, low[some], high[some], colour, _UNPROVED if proofs and not proved else None)
         handles.append(Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=text))
+        _name(ax, low, high, (values == value) & (constant > 0), text)
     mixed = constant == 0
     if mixed.any():
         _draw(ax, low[mixed], high[mixed], _BOUNDARY, None)
@@ -107,6 +108,15 @@ def _draw(ax: Axes, low: np.ndarray, high: np.ndarray, colour: str, hatch: str |
     ax.add_collection(some, autolim=False)
 
 
+def _name(ax: Axes, low: np.ndarray, high: np.ndarray, some: np.ndarray, text: str) -> None:
+    """Writes a label into its largest cell, so that colours are not all that tells labels apart."""
+    low, high = low[some], high[some]
+    largest = int(np.argmax(np.prod(high - low, axis=1)))
+    x, y = 0.5 * (low[largest] + high[largest])
+    written = ax.text(x, y, text, ha="center", va="center", fontsize="small", clip_on=True)
+    written.set_bbox({"facecolor": "white", "alpha": 0.65, "edgecolor": "none", "pad": 1.0})
+
+
 def _looks(label: xarray.DataArray, present: np.ndarray) -> tuple[list[str], list[str]]:
     """Returns colour and text of each label."""
     flags = label.attrs.get("flag_values")
@@ -117,7 +127,8 @@ def _looks(label: xarray.DataArray, present: np.ndarray) -> tuple[list[str], lis
     if flags is not None:
         known = dict(zip(map(int, flags), meanings, strict=False))
         texts = [style.words(known.get(int(v), "none")) for v in present]
-        return [_CATEGORIES[int(v) % len(_CATEGORIES)] if int(v) in known else "#DDDDDD" for v in present], texts
+        colours = itertools.cycle(_CATEGORIES)
+        return [next(colours) if int(v) in known else "#DDDDDD" for v in present], texts
     if str(label.name) == "forward_count":
         return [style.count_colour(int(v)) for v in present], [str(int(v)) for v in present]
     if label.dtype == bool:

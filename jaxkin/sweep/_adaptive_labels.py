@@ -11,6 +11,8 @@ from jaxkin.sweep.fields import Field, Variable
 
 #: The label that asks for the sign of a real field.
 SIGN = "sign"
+#: Names that the result has itself.
+RESERVED = ("low", "high", "place", "size", "level", "constant", "sample_place", "axis", "cell", "sample")
 #: Sign of what is no number: outside the limits, or no solution.
 NO_SIGN = 2
 
@@ -25,10 +27,16 @@ def labelling(robot: Mechanism, swept: Field, choice: str | None) -> "Labelling"
             discrete, else the statuses of its branches.
 
     Raises:
-        InputError: The field has no such label, or none without being asked.
+        InputError: The field has no such label, none without being asked, or the name of something else.
     """
     variables = {variable.name: variable for variable in swept.variables(robot)}
     main = next(iter(variables.values()))
+    taken = [name for name in variables if name in RESERVED]
+    if taken:
+        raise InputError(
+            f"Field {swept.name!r} cannot be swept adaptively: {taken[0]!r} is what the cells themselves have; choose "
+            "another name."
+        )
     discrete = [name for name, variable in variables.items() if _is_discrete(variable)]
     if choice == SIGN:
         if np.dtype(main.dtype).kind != "f" or f"{main.name}_status" in variables:

@@ -126,6 +126,7 @@ def test_the_figure_draws_every_cell():
         (lambda: sweep(adaptive=True, store="x.zarr"), ["in memory", "store"]),
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sign")), ["forward_count", "sign"]),
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sing")), ["'sing'", "'forward_count'"]),
+        (lambda: sweep(named("size"), adaptive=True), ["'size'", "another name"]),
         (lambda: poses("direct_determinant"), ["real numbers", "jk.Adaptive(label='sign')"]),
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="complex128"), ["complex128", "'bool'"]),
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="what"), ["what", "integer"]),
@@ -148,6 +149,10 @@ def test_bad_requests_are_named(call, words):
 
 def sweep(field="forward_count", **options):
     return jk.sweep(ROBOT, field, SECTION, **options)
+
+
+def named(name):
+    return jk.fields.from_function(lambda robot, q: q[0] > 1, name=name, domain="joints", dtype="bool")
 
 
 def poses(field):
