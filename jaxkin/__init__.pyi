@@ -79,6 +79,8 @@ from .mapping.workspace import free_volume as free_volume
 from .mapping.workspace import workspace_surfaces as workspace_surfaces
 from .mapping.workspace import workspace_volume as workspace_volume
 from .sweep import fields as fields
+from .sweep._adaptive_result import AdaptiveSweep as AdaptiveSweep
+from .sweep.adaptive import Adaptive as Adaptive
 from .sweep.engine import sweep as sweep
 from .sweep.fields import Field as Field
 from .sweep.forecast import ClusterForecast as ClusterForecast

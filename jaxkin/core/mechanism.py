@@ -108,6 +108,9 @@ class Mechanism:
 
     ``jacobian_kernel(pose, joints) -> (rows of A, diagonal of B)``, likewise elementwise, is for mechanisms of which
     each equation holds one joint; without it both Jacobians come from the constraints by autodiff.
+
+    ``count_walls(joints (n,)) -> (m,)`` declares smooth functions between whose zeros the number of assembly modes
+    cannot change, limits aside: adaptive sweeps prove maps of it by them.
     """
 
     id: ClassVar[str] = ""
@@ -130,6 +133,7 @@ class Mechanism:
     frame_kernel: Callable[..., tuple[Lane, ...]] | None = None
     count_kernel: Callable[..., Count] | None = None
     jacobian_kernel: Callable[..., tuple[Any, Any]] | None = None
+    count_walls: Callable[..., Array] | None = None
 
     def constraints(self, pose: Array, joints: Array) -> Array:
         """Returns the residuals F(pose, joints), ``(n,)``, zero where the mechanism closes."""

@@ -154,6 +154,16 @@ class AnalyticRPR3(_PlanarRPR3):
         """Returns the number of assembly modes from signs alone; see ``_rpr3_analytic.count``."""
         return _rpr3_analytic.count((self.c2, self.c3, self.d3), joints)
 
+    def count_walls(self, joints: Array) -> Array:
+        """Returns S and Q1 to Q4, ``(5,)``, between whose zeros the number of assembly modes is constant.
+
+        It is twice the number of real roots of the cubic (7) with h^2 < rho1^2. A root appears or vanishes where the
+        discriminant S does (the cubic is never identically zero), and h^2 - rho1^2 changes its sign along one only
+        where the legs are parallel, on a quadric: h is a smooth function of the root, as c2 S and g have no common
+        zero. The virtual part of S is no wall; it costs proofs, not their truth.
+        """
+        return jnp.stack(list(self.closed_forms(joints).values()))
+
     def factors(self, pose: Array) -> dict[str, Array]:
         """Returns the factors of the direct determinant, ``f1`` (a length) and ``f2`` (a length cubed).
 

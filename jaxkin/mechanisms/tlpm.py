@@ -179,13 +179,9 @@ class TLPM(Mechanism):
         (4), x = (s2 + s3 - 2 s1) / (6 L) and y = (s3 - s2) / (2 sqrt3 L) up to sign of the order, with s_i = (L_i0 +
         l_i)^2.
         """
-        r1, r2, r3 = self.lengths(joints)
-        (x1, y1), (x2, y2), (x3, y3) = self._base_once()
-        # |q_i| = L for all i, so the constant terms cancel.
-        g2, g3 = (r2 - r1) * (r2 + r1) / 2, (r3 - r1) * (r3 + r1) / 2
-        ax, ay, bx, by = x1 - x2, y1 - y2, x1 - x3, y1 - y3
-        inverse = 1 / (ax * by - ay * bx)
-        x, y = (g2 * by - g3 * ay) * inverse, (ax * g3 - bx * g2) * inverse
+        r1, x, y, inverse = self._foot(joints)
+        _, r2, r3 = self.lengths(joints)
+        x1, y1 = self._base_once()[0]
         far = jnp.sqrt((x - x1) * (x - x1) + (y - y1) * (y - y1))
         square = (r1 - far) * (r1 + far)
         blur = TOLERANCES.double_length**2 * (r1 * r1 + r2 * r2 + r3 * r3 + self.base_radius**2)
@@ -194,6 +190,16 @@ class TLPM(Mechanism):
         # Where two limbs almost coincide x and y are known the worse, and with them the square.
         doubt = 10 * blur * jnp.maximum(1.0, self.base_radius**2 * jnp.abs(inverse))
         return x, y, jnp.where(near <= blur, 0.0, square), (near > blur) & (near <= doubt), positive
+
+    def _foot(self, joints: tuple[Array, ...]) -> tuple[Array, Array, Array, Array]:
+        """Returns the first limb's length, x, y, and the inverse of twice the area of the triangle of the q_i."""
+        r1, r2, r3 = self.lengths(joints)
+        (x1, y1), (x2, y2), (x3, y3) = self._base_once()
+        # |q_i| = L for all i, so the constant terms cancel.
+        g2, g3 = (r2 - r1) * (r2 + r1) / 2, (r3 - r1) * (r3 + r1) / 2
+        ax, ay, bx, by = x1 - x2, y1 - y2, x1 - x3, y1 - y3
+        inverse = 1 / (ax * by - ay * bx)
+        return r1, (g2 * by - g3 * ay) * inverse, (ax * g3 - bx * g2) * inverse, inverse
 
     def forward_kernel(self, joints: tuple[Array, ...]) -> tuple[Lane, ...]:
         """Returns the upper mode z > -h and its mirror image in the base plane (Eqs. (3)-(6), corrected).
@@ -237,6 +243,12 @@ class TLPM(Mechanism):
         _, _, square, close, positive = self._solved(joints)
         number = jnp.where(square > 0, jnp.int8(2), jnp.where(square == 0, jnp.int8(1), jnp.int8(0)))
         return Count(jnp.where(positive, number, jnp.int8(0)), positive & (close | (square == 0)))
+
+    def count_walls(self, joints: Array) -> Array:
+        """Returns (z + h)^2, ``(1,)``, whose sign decides between two poses and none within the strokes."""
+        r1, x, y, _ = self._foot((joints[0], joints[1], joints[2]))
+        x1, y1 = self.base_points()[0]
+        return (r1 * r1 - ((x - x1) * (x - x1) + (y - y1) * (y - y1)))[None]
 
     def factors(self, pose: Array) -> dict[str, Array]:
         """Returns z + h, mm: the robot is singular in the base plane and nowhere else.

@@ -15,6 +15,7 @@ from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, identity, run_log
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields
+from jaxkin.sweep.adaptive import Adaptive, adaptive_options, adaptive_sweep
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid, Grid
 from jaxkin.sweep.memory import Memory
@@ -41,6 +42,7 @@ def sweep(
     executor: Any = None,
     precision: str = "float64",
     progress: bool | None = None,
+    adaptive: "bool | Adaptive" = False,
 ) -> "xarray.Dataset":
     """Computes a field at every sample of a grid.
 
@@ -57,11 +59,15 @@ def sweep(
         precision: "float32" computes and stores floating-point fields of one configuration in half the bytes; the
             result's attribute ``float32_error`` says how far off it is, from samples computed in float64 as well.
         progress: True or False to force or forbid the progress bar; by default it shows on a terminal.
+        adaptive: True or ``jk.Adaptive(...)`` for a field that is constant in cells (a count, a label, a sign): samples
+            only where it changes, with a proof or an estimate that nothing larger than a stated size is missed. Held
+            in memory.
 
     Returns:
         An ``xarray.Dataset`` whose main variable bears the field's name: dimensions in the mechanism's order
         of axes, fixed axes as scalar coordinates, units and the request in the attributes. From a store it
-        is opened lazily.
+        is opened lazily. An adaptive one is a ``jk.AdaptiveSweep``, a dataset with the dimension ``cell`` and the
+        methods ``to_dense`` and ``measure``.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -73,6 +79,10 @@ def sweep(
     """
     plan, request = planned("jk.sweep", robot, field, grid, precision)
     _check_workers(workers, executor)
+    options = adaptive_options(adaptive)
+    if options is not None:
+        _check_adaptive(store, executor, precision)
+        return adaptive_sweep(robot, plan.field, plan.grid, request, options, workers or cores(), progress)
     _check_size(plan, in_memory=store is None)
     attrs = single_error(robot, plan) if precision == "float32" else {}
     if store is None:
@@ -114,6 +124,17 @@ def _check_workers(workers: int | None, executor: Any) -> None:
             f"jk.sweep: workers is {workers}, and there is an executor: the cluster's workers have their own threads; "
             "leave one of the two out."
         )
+
+
+def _check_adaptive(store: str | Path | None, executor: Any, precision: str) -> None:
+    for name, given in (("store", store), ("executor", executor)):
+        if given is not None:
+            raise InputError(
+                f"jk.sweep: adaptive sweeps are computed and held in this process: leave {name} out; the result has "
+                "to_zarr()."
+            )
+    if precision != "float64":
+        raise InputError("jk.sweep: adaptive sweeps tell labels apart, which needs precision='float64'.")
 
 
 #: More tiles than this would take hours to list; more samples on one axis, gigabytes of coordinates.

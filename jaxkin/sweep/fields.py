@@ -17,6 +17,7 @@ from jaxkin.core.errors import InputError, Status
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.kinematics.singularity import elementwise_conditioning, elementwise_determinant
 from jaxkin.kinematics.solve import forward_lanes, frame_lanes, inside_limits, inverse_lanes
+from jaxkin.sweep.walls import Walls, count_walls, determinant_walls, inverse_walls
 
 Coordinates = tuple[Array, ...]
 
@@ -63,6 +64,8 @@ class Field:
         unpack: Turns the flat tuple of arrays that a call returned into that of the variables.
         single: True where float32 is enough to mean something, if the user asks for it.
         version: Raise it when the kernel changes its numbers.
+        walls: Mechanism -> between which walls the field's label is constant (its main variable if that is discrete,
+            the statuses of its branches, or its sign), so that adaptive sweeps can prove it; None where none are known.
     """
 
     name: str
@@ -73,6 +76,7 @@ class Field:
     unpack: Callable[[tuple[np.ndarray, ...]], tuple[np.ndarray, ...]] = lambda arrays: arrays
     single: bool = False
     version: str = "1"
+    walls: Callable[[Mechanism], Walls | None] = lambda robot: None
 
     def __reduce__(self) -> Any:
         """Fields of jaxkin travel to other processes by their names."""
@@ -129,6 +133,7 @@ forward_count = Field(
     kernel=_count_kernel,
     block=lambda robot: 1 << 17 if robot.count_kernel is not None else robot.forward_block,
     unpack=_unpack_count,
+    walls=count_walls,
 )
 
 
@@ -274,6 +279,7 @@ inverse_branches = Field(
     kernel=_branches_kernel(inverse_lanes),
     unpack=_unpack_branches,
     single=True,
+    walls=inverse_walls,
 )
 
 
@@ -282,13 +288,13 @@ def _per_working_mode(
     unit: str,
     long_name: str,
     measure: Callable[[Mechanism, Coordinates, Coordinates], Array],
-    block: int,
-    **attrs: Any,
+    walls: Callable[[Mechanism], Walls | None] = lambda robot: None,
+    attrs: dict[str, Any] | None = None,
 ) -> Field:
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
     def variables(robot: Mechanism) -> tuple[Variable, ...]:
-        return (Variable(name, "float64", unit, long_name, _working_modes(robot), attrs=attrs),)
+        return (Variable(name, "float64", unit, long_name, _working_modes(robot), attrs=attrs or {}),)
 
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
@@ -298,7 +304,7 @@ def _per_working_mode(
             out.append(jnp.where(none, jnp.nan, measure(robot, pose, lane.values)))
         return tuple(out)
 
-    return Field(name, "pose", variables, kernel, block=lambda robot: block, single=True, version="2")
+    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12, single=True, version="2", walls=walls)
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
@@ -314,7 +320,7 @@ direct_determinant = _per_working_mode(
     "units of the constraints",
     "determinant of the direct Jacobian",
     elementwise_determinant,
-    1 << 12,
+    determinant_walls,
 )
 
 _SCALED = {"scaling": "rates in units of the mechanism's characteristic length and radians"}
@@ -325,8 +331,7 @@ smallest_singular_value = _per_working_mode(
     "1",
     "smallest singular value of the scaled dq/dx",
     lambda robot, x, q: elementwise_conditioning(robot, x, q).smallest_singular_value,
-    1 << 12,
-    **_SCALED,
+    attrs=_SCALED,
 )
 
 #: Smallest over largest singular value of the scaled dq/dx.
@@ -335,8 +340,7 @@ inverse_condition_number = _per_working_mode(
     "1",
     "inverse condition number of the scaled dq/dx",
     lambda robot, x, q: elementwise_conditioning(robot, x, q).inverse_condition_number,
-    1 << 12,
-    **_SCALED,
+    attrs=_SCALED,
 )
 
 
@@ -425,6 +429,8 @@ def from_function(
     domain: str,
     unit: str = "1",
     long_name: str | None = None,
+    dtype: str = "float64",
+    walls: Callable[[Mechanism, Array], Array] | None = None,
 ) -> Field:
     """Makes a field of your own from a traceable function of one configuration.
 
@@ -434,29 +440,60 @@ def from_function(
         domain: ``"pose"`` or ``"joints"``.
         unit: Unit of the value.
         long_name: For labels; the name if not given.
+        dtype: ``"float64"``, or ``"bool"`` or an integer type for what is constant in cells: a membership, a number of
+            tests passed, a label. Such a field can be swept adaptively.
+        walls: ``(mechanism, vector) -> (m,)`` smooth functions: on any connected set on which none of them vanishes,
+            the value is constant (a real field's sign). Adaptive sweeps prove cells by them; jaxkin cannot know
+            whether they are all.
 
     Raises:
-        InputError: The domain is neither, or the name is that of a field of jaxkin.
+        InputError: The domain is neither, the name is that of a field of jaxkin, or the dtype is another one.
     """
     if domain not in ("pose", "joints"):
         raise InputError(f"The domain of field {name!r} is {domain!r}: it must be 'pose' or 'joints'.")
     if name in FIELDS:
         raise InputError(f"A field {name!r} exists in jaxkin: choose another name.")
-    try:
-        text = inspect.getsource(function)
-    except (OSError, TypeError):
-        text = repr(function)
+    kind = _own_dtype(name, dtype)
+    text = _source(function) + ("" if kind == np.float64 else kind.name) + ("" if walls is None else _source(walls))
     return Field(
         name=name,
         domain=domain,
-        variables=lambda robot: (Variable(name, "float64", unit, long_name or name),),
+        variables=lambda robot: (Variable(name, kind.name, unit, long_name or name, missing=_missing(kind)),),
         kernel=lambda robot, coordinates: (
-            _each_sample(lambda vector: jnp.asarray(function(robot, vector), float), coordinates),
+            # ``float`` is whichever precision the sweep asks for.
+            _each_sample(
+                lambda vector: jnp.asarray(function(robot, vector), float if kind == np.float64 else kind), coordinates
+            ),
         ),
         block=lambda robot: 1 << 12,
         single=True,
         version=hashlib.sha256(text.encode()).hexdigest()[:16],
+        walls=lambda robot: None if walls is None else Walls(walls),
     )
+
+
+def _own_dtype(name: str, dtype: Any) -> np.dtype:
+    try:
+        kind = np.dtype(dtype)
+    except TypeError:
+        kind = np.dtype(object)
+    if kind != np.float64 and kind.kind not in "iub":
+        raise InputError(f"The dtype of field {name!r} is {dtype!r}: it must be 'float64', 'bool' or an integer type.")
+    return kind
+
+
+def _missing(kind: np.dtype) -> Any:
+    """Returns the value of samples that were not computed."""
+    if kind.kind == "u":
+        return int(np.iinfo(kind).max)
+    return {"b": False, "i": -1}.get(kind.kind, np.nan)
+
+
+def _source(function: Callable[..., Any]) -> str:
+    try:
+        return inspect.getsource(function)
+    except (OSError, TypeError):
+        return repr(function)
 
 
 #: The fields that the command line knows, by name.
