@@ -128,7 +128,7 @@ def adaptive_sweep(
     probes = Probes(options.seed)
     content = {**request.content, "adaptive": {**asdict(options), "stride": lattice.stride, "version": _VERSION}}
 
-    with Progress(0, field.name, progress) as bar:
+    with Progress(0, field.name, show=progress) as bar:
         samples = Samples(lattice, evaluate, label, bar.add)
         refinement = Refinement(lattice, samples, prover, options.proof, field.name, field.variables(robot))
 
