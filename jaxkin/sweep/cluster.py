@@ -163,7 +163,7 @@ def _lost(how: str) -> ClusterError:
 def _keep(future: Any, number: int, keeper: Memory | Store) -> None:
     """Takes over what a worker did, or says what happened to it."""
     import distributed
-    from distributed.comm import CommClosedError
+    from distributed.comm.core import CommClosedError
 
     try:
         outcome = future.result(timeout=60)
