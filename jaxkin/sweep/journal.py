@@ -32,6 +32,9 @@ def checksum(path: Path) -> str:
 class Journal:
     """One text file, a line for each tile, written after the tile's data.
 
+    After a power failure a line may be on the disk and its tile's data not: therefore no line is believed before the
+    checksums of its files were compared, when a sweep goes on.
+
     Args:
         path: The file; it need not exist.
         tiles: Number of tiles of the store.
