@@ -22,7 +22,9 @@ _TILE_BYTES = 1 << 26
 #: ... and calls, which bound its time where samples are slow; ...
 _TILE_BLOCKS = 128
 #: ... and at most such a share of the grid, so that many cores find work.
-_TILES_WANTED = 64
+_TILES_WANTED = 32
+#: ... but with runs of memory no shorter than so many bytes, where the grid has them.
+_RUN_BYTES = 1 << 11
 #: Bytes of a chunk, the least that a reader has to decompress.
 _CHUNK_BYTES = 1 << 22
 #: Samples of a call on an accelerator, which has to be filled.
@@ -104,7 +106,8 @@ def make_plan(robot: Mechanism, field: Field, grid: BoundGrid, precision: str = 
     block = _DEVICE_BLOCK if _on_accelerator() else field.block(robot)
     most = min(_TILE_SAMPLES, _TILE_BYTES // _bytes(variables), _TILE_BLOCKS * block)
     target = max(1, min(most, max(block, grid.size // _TILES_WANTED)))
-    tile = _even(grid.shape, _cube(grid.shape, target))
+    run = _RUN_BYTES // np.dtype(variables[0].dtype).itemsize
+    tile = _even(grid.shape, _cube(grid.shape, target, run))
     largest = max(_bytes((v,)) for v in variables)
     chunk = _even(tile, _cube(tile, max(1, _CHUNK_BYTES // largest)))
     tile = tuple(c * math.ceil(t / c) for t, c in zip(tile, chunk, strict=True))
@@ -153,14 +156,23 @@ def _on_accelerator() -> bool:
     return jax.devices()[0].platform != "cpu"
 
 
-def _cube(shape: tuple[int, ...], target: int) -> tuple[int, ...]:
-    """Returns sides as equal as the shape allows, of about ``target`` samples: any slice of it is read cheaply."""
-    sides = list(shape)
-    left = float(target)
-    for place, k in enumerate(sorted(range(len(shape)), key=shape.__getitem__)):
+def _cube(shape: tuple[int, ...], target: int, run: int = 1) -> tuple[int, ...]:
+    """Returns sides as equal as the shape allows, of about ``target`` samples: any slice of it is read cheaply.
+
+    Args:
+        shape: The box that is cut.
+        target: Samples of a piece.
+        run: Least side along the last axis, which may make it longer than the others.
+    """
+    sides, left = list(shape), float(target)
+    last = len(shape) - 1
+    order = sorted(range(len(shape)), key=shape.__getitem__)
+    if run > target ** (1 / len(shape)):
+        order = [last, *(k for k in order if k != last)]
+    for place, k in enumerate(order):
         fair = max(1, round(left ** (1 / (len(shape) - place))))
-        sides[k] = min(shape[k], fair)
-        left /= sides[k]
+        sides[k] = min(shape[k], max(fair, min(run, target)) if k == last else fair)
+        left = max(1.0, left / sides[k])
     return tuple(sides)
 
 

@@ -1,10 +1,14 @@
 """Tiles on this machine: threads that run compiled blocks side by side; JAX and NumPy let go of the interpreter."""
 
 import concurrent.futures
-import itertools
+import contextlib
 import os
+import queue
 import threading
 from collections.abc import Callable, Iterable, Iterator
+
+#: Seconds between two looks at what the threads have done.
+_NAP = 0.1
 
 
 def cores() -> int:
@@ -17,30 +21,33 @@ def run_in_threads(work: Callable[[int], None], numbers: Iterable[int], workers:
 
     What is under way is finished, and counted by ``work``, where the consumer or one of the others fails.
     """
-    stop = threading.Event()
+    stop, taking, left = threading.Event(), threading.Lock(), iter(numbers)
+    done: queue.SimpleQueue[int] = queue.SimpleQueue()
 
-    def unless_stopped(number: int) -> int | None:
-        if stop.is_set():
-            return None
-        work(number)
-        return number
+    def loop() -> None:
+        while not stop.is_set():
+            with taking:
+                number = next(left, None)
+            if number is None:
+                return
+            work(number)
+            done.put(number)
 
-    queue = iter(numbers)
     pool = concurrent.futures.ThreadPoolExecutor(workers, thread_name_prefix="jaxkin-sweep")
-    # Few wait, so that a list of millions of tiles costs nothing.
-    under_way = {pool.submit(unless_stopped, number) for number in itertools.islice(queue, 2 * workers)}
+    loops = {pool.submit(loop) for _ in range(workers)}
+    running = loops
     try:
-        while under_way:
-            # A wait with a timeout lets Ctrl-C through.
-            done, under_way = concurrent.futures.wait(under_way, 0.2, concurrent.futures.FIRST_COMPLETED)
-            for future in done:
-                number = future.result()
-                under_way |= {pool.submit(unless_stopped, more) for more in itertools.islice(queue, 1)}
-                if number is not None:
-                    yield number
+        while running:
+            # A wait with a timeout lets Ctrl-C through. Waking up for every number would slow down those who work.
+            over, running = concurrent.futures.wait(loops, _NAP, concurrent.futures.FIRST_EXCEPTION)
+            with contextlib.suppress(queue.Empty):
+                while True:
+                    yield done.get_nowait()
+            for each in over:
+                each.result()
     finally:
         stop.set()
-        _wait_for_all(under_way)
+        _wait_for_all(loops)
         pool.shutdown()
 
 

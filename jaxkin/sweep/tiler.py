@@ -38,7 +38,9 @@ class Tiler:
 
     def __init__(self, robot: Mechanism, plan: Plan):
         self._plan = plan
-        self._robot = in_precision(robot, plan.precision)
+        # On the device once, and not again with every call.
+        with computing_in(plan.precision):
+            self._robot = jax.device_put(in_precision(robot, plan.precision))
         self._axes = [plan.grid.coordinate(k).astype(plan.precision) for k in range(len(plan.grid.axes))]
         self._run = partial(_compiled_block, field=plan.field, free=plan.grid.free, shape=plan.block)
 
