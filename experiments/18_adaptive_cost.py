@@ -8,7 +8,6 @@ curves (``jk.regions``), the volume in closed form (``jk.workspace_volume``).
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -155,10 +154,10 @@ def main() -> None:
         "area, reference 3-RPR", reference, _REFERENCE_SAMPLES, rho1=14.98, rho2=(0.0, 40.0), rho3=(0.0, 40.0)
     )
     table = markdown(rows + volume_rows())
-    for path in (folder / "adaptive_table.md", Path(__file__).parents[1] / "docs" / "adaptive_table.md"):
-        path.write_text(table, encoding="utf-8")
-        print(path)
+    path = folder / "adaptive_table.md"
+    path.write_text(table, encoding="utf-8")
     print(table)
+    print(path)
 
 
 if __name__ == "__main__":

@@ -304,7 +304,12 @@ def _per_working_mode(
             out.append(jnp.where(none, jnp.nan, measure(robot, pose, lane.values)))
         return tuple(out)
 
-    return Field(name, "pose", variables, kernel, block=lambda robot: 1 << 12, single=True, version="2", walls=walls)
+    return Field(name, "pose", variables, kernel, block=_measure_block, single=True, version="2", walls=walls)
+
+
+def _measure_block(robot: Mechanism) -> int:
+    """Returns what outweighs a call where a sample is cheap, and stays in cache where its matrix is large."""
+    return 1 << 13 if len(robot.pose_axes) <= 3 else 1 << 12
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
