@@ -7,7 +7,10 @@ from collections.abc import Callable
 import jax
 import numba_spatial
 import numpy as np
+import numpy_spatial
+from load import load_spatial
 from metric import Metric, Times, mistakes, speedup, throughput
+from suites.conditioning import tlpm_size
 
 import jaxkin as jk
 from jaxkin.mechanisms import _tlpm_wrist
@@ -45,24 +48,40 @@ def _ppps3(robot: jk.Mechanism, rng: np.random.Generator) -> list[Metric]:
     axes = [np.linspace(*INVERSE[name]) for name in ("phi", "theta", "sigma")]
     lengths = [0.1, 0.0, 0.0, *(np.linspace(*FORWARD[name]) for name in FORWARD)]
     flat = np.stack([a.ravel() for a in np.broadcast_arrays(*lengths[:3], *np.meshgrid(*lengths[3:], indexing="ij"))])
-    shape, n = tuple(map(len, axes)), flat.shape[1]
+    shape = tuple(map(len, axes))
     nb = numba_spatial
-
-    def fresh(function: Callable, entries: int) -> Run:
-        return lambda: function(flat, np.empty((4, entries, n)), np.empty((4, n), np.uint8))
 
     found = _in_cache("3-PPPS inverse", fields.inverse_branches, robot, pose, nb.ppps3_inverse, ((6,),))
     grid = jk.Grid(x=0.1, y=0.2, z=0.3, **INVERSE)
     rival = nb.ppps3_inverse_grid and (lambda: nb.ppps3_inverse_grid(0.1, 0.2, 0.3, *axes, np.empty((6, *shape))))
-    found += _swept("3-PPPS inverse", "inverse_branches", robot, grid, rival, 15)
+    found += _swept("3-PPPS inverse", "inverse_branches", robot, grid, {"numba": rival}, 15)
     grid = jk.Grid(rho1y=0.1, rho1z=0.0, rho2y=0.0, **FORWARD)
-    for name, field, function, entries, goal in (
-        ("3-PPPS frames", fields.forward_frames, nb.ppps3_frames, 12, 8),
-        ("3-PPPS Euler angles", fields.forward_branches, nb.ppps3_branches, 6, 3),
+    library = load_spatial()
+    for name, field, kernel, entries, goal in (
+        ("3-PPPS frames", fields.forward_frames, "ppps3_frames", 12, 8),
+        ("3-PPPS Euler angles", fields.forward_branches, "ppps3_branches", 6, 3),
     ):
-        found += _in_cache(name, field, robot, joints, function, ((4, entries), (4,)))
-        found += _swept(name, field.name, robot, grid, function and fresh(function, entries), goal)
+        function, shapes = getattr(nb, kernel), ((4, entries), (4,))
+        others = {"NumPy": getattr(numpy_spatial, kernel), "C": _in_c(library, kernel)}
+        rivals = {"numba": function, "C": others["C"]}
+        found += _in_cache(name, field, robot, joints, function, shapes, others)
+        found += _swept(name, field.name, robot, grid, _fresh(rivals, flat, shapes), goal)
     return found
+
+
+def _in_c(library, name: str, *size: np.ndarray) -> Callable | None:
+    """Returns a C yardstick as numba's are called: samples, arrays to fill."""
+    if library is None:
+        return None
+    return lambda given, *out: getattr(library, name)(given.shape[1], np.nan, *size, given, *out)
+
+
+def _fresh(rivals: dict[str, Callable | None], given: np.ndarray, shapes) -> dict[str, Run | None]:
+    """Returns runs that fill new arrays."""
+    return {
+        name: function and (lambda f=function: f(given, *_outputs(shapes, given.shape[1])))
+        for name, function in rivals.items()
+    }
 
 
 def _tlpm(robot: jk.Mechanism, rng: np.random.Generator) -> list[Metric]:
@@ -70,17 +89,21 @@ def _tlpm(robot: jk.Mechanism, rng: np.random.Generator) -> list[Metric]:
     size = (base, float(robot.height), float(robot.initial_lengths[0]))
     cube = rng.uniform(*REACH, (3, TLPM_BLOCK))
     flat = np.stack([a.ravel() for a in np.meshgrid(*(np.linspace(*REACH, 128) for _ in range(3)), indexing="ij")])
-    n, nb, found = flat.shape[1], numba_spatial, []
-    for name, field, function, shapes, goal in (
-        ("TLPM inverse", fields.inverse_branches, nb.tlpm_inverse, ((3,),), 15),
-        ("TLPM forward", fields.forward_branches, nb.tlpm_branches, ((2, 3), (2,)), 30),
+    nb, found = numba_spatial, []
+    numbers = tlpm_size(robot)
+    others = {
+        "NumPy": lambda given: numpy_spatial.tlpm_branches(numbers, given),
+        "C": _in_c(load_spatial(), "tlpm_branches", numbers),
+    }
+    for name, field, function, shapes, goal, more in (
+        ("TLPM inverse", fields.inverse_branches, nb.tlpm_inverse, ((3,),), 15, {}),
+        ("TLPM forward", fields.forward_branches, nb.tlpm_branches, ((2, 3), (2,)), 30, others),
     ):
         own = function and (lambda *given, f=function: f(*size, *given))
-        rival = own and (lambda f=own, shapes=shapes: f(flat, *_outputs(shapes, n)))
-        axes = field.axes(robot)
-        found += _in_cache(name, field, robot, cube, own, shapes)
-        grid = jk.Grid(**{axis.name: (*REACH, 128) for axis in axes})
-        found += _swept(name, field.name, robot, grid, rival, goal)
+        rivals = {"numba": own, **({"C": more["C"]} if more else {})}
+        found += _in_cache(name, field, robot, cube, own, shapes, more)
+        grid = jk.Grid(**{axis.name: (*REACH, 128) for axis in field.axes(robot)})
+        found += _swept(name, field.name, robot, grid, _fresh(rivals, flat, shapes), goal)
     return found
 
 
@@ -99,22 +122,33 @@ def _repeated(call: Run, times: int) -> Run:
     return run
 
 
-def _in_cache(name: str, field, robot, given: np.ndarray, yardstick, shapes) -> list[Metric]:
-    """Times a field's kernel on random samples, and compares what it finds with the yardstick's."""
+def _in_cache(
+    name: str, field, robot, given: np.ndarray, yardstick, shapes, others: dict[str, Callable | None] | None = None
+) -> list[Metric]:
+    """Times a field's kernel on random samples, and compares what it finds with the yardsticks'."""
     kernel, arguments, calls = jax.jit(field.kernel), tuple(jax.device_put(given)), SAMPLES // given.shape[1]
     runs: dict[str, Run] = {
         "jaxkin": _repeated(lambda: jax.block_until_ready(kernel(robot, arguments)), calls),
     }
-    if yardstick:
-        out = _outputs(shapes, given.shape[1])
-        runs["numba"] = _repeated(lambda: yardstick(given, *out), calls)
+    fills = {"numba": yardstick, "C": (others or {}).get("C")}
+    numpy_ = (others or {}).get("NumPy")
+    out, n = _outputs(shapes, given.shape[1]), given.shape[1]
+    runs |= {rival: _repeated(lambda f=fill: f(given, *out), calls) for rival, fill in fills.items() if fill}
+    if numpy_:
+        runs["NumPy"] = _repeated(lambda: numpy_(given), calls)
     times = Times(runs)
     metrics = [throughput(f"spatial: {name}, kernel in cache", SAMPLES, times.median("jaxkin"))]
-    if yardstick:
-        numbers = field.unpack(tuple(np.asarray(array) for array in kernel(robot, arguments)))
-        both = np.stack(numbers[: out[0].size // given.shape[1]]), out[0].reshape(-1, given.shape[1])
-        metrics.append(speedup(f"spatial: {name}, kernel / numba, in cache", times.ratio("numba", "jaxkin"), 0.5))
-        metrics.append(mistakes(f"spatial: {name}, unlike numba's", _unlike(*both)))
+    numbers = np.stack(field.unpack(tuple(np.asarray(a) for a in kernel(robot, arguments)))[: out[0].size // n])
+    for rival in (each for each in runs if each != "jaxkin"):
+        if rival == "NumPy":
+            values = numpy_(given)
+        else:
+            fills[rival](given, *out)
+            values = out[0]
+        goal = 1.0 if rival == "numba" else None
+        ratio = times.ratio(rival, "jaxkin")
+        metrics.append(speedup(f"spatial: {name}, kernel / {rival}, in cache", ratio, goal))
+        metrics.append(mistakes(f"spatial: {name}, unlike {rival}'s", _unlike(numbers, values.reshape(-1, n))))
     return metrics
 
 
@@ -125,16 +159,15 @@ def _unlike(one: np.ndarray, other: np.ndarray) -> int:
     return int((~same.all(axis=0)).sum())
 
 
-def _swept(name: str, field: str, robot, grid, rival: Run | None, goal: float) -> list[Metric]:
+def _swept(name: str, field: str, robot, grid, rivals: dict[str, Run | None], goal: float) -> list[Metric]:
     runs: dict[str, Run] = {"jaxkin": lambda: jk.sweep(robot, field, grid, workers=1, progress=False)}
-    if rival:
-        runs["numba"] = rival
+    runs |= {rival: run for rival, run in rivals.items() if run}
     times = Times(runs)
     samples = grid.bind(fields.by_name(field).axes(robot), "any").size
     metrics = [throughput(f"spatial: {name}, sweep", samples, times.median("jaxkin"), goal)]
-    if rival:
-        ratio = times.ratio("numba", "jaxkin")
-        metrics.append(speedup(f"spatial: {name}, sweep / numba, fresh memory", ratio, 0.5))
+    for rival in (each for each in runs if each != "jaxkin"):
+        ratio, wanted = times.ratio(rival, "jaxkin"), 1.0 if rival == "numba" else None
+        metrics.append(speedup(f"spatial: {name}, sweep / {rival}, fresh memory", ratio, wanted))
     return metrics
 
 
@@ -163,7 +196,7 @@ def _clearances(robot, rng: np.random.Generator) -> list[Metric]:
         unlike = _unlike(np.stack([np.asarray(array) for array in kernel(robot, arguments)]), out)
         metrics.append(mistakes("spatial: TLPM, 12 clearances, unlike numba's", unlike))
     grid = jk.Grid(**{axis.name: (*REACH, 64) for axis in robot.pose_axes})
-    return metrics + _swept("TLPM, all margins", "limit_margins", robot, grid, None, 1)
+    return metrics + _swept("TLPM, all margins", "limit_margins", robot, grid, {}, 1)
 
 
 def operations(function: Callable, *arguments: object) -> Counter[str]:
