@@ -146,10 +146,10 @@ def extrapolated(task: float) -> list[str]:
         "|---|---|---|---|---|---|---|---|---|",
     ]
     for name, (robot, field, grid) in requests().items():
-        base, tiny = (jk.forecast(robot, field, grid(n)) for n in (10**9, 10**4))
+        base, tiny = (jk.forecast(robot, field, grid(n)) for n in (10**9, 100))
         per_tile = base.samples / base.tiles
         # What a tile costs however small it is: files, metadata, the call.
-        fixed = tiny.tile_writing / 1
+        fixed = tiny.tile_writing
         for workers, size in ((w, s) for w in WORKERS for s in (TILES if w == WORKERS[-1] else TILES[3:4])):
             work = (base.tile_computing + max(base.tile_writing - fixed, 0.0)) / per_tile * size
             scaled = dataclasses.replace(
