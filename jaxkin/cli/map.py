@@ -3,6 +3,8 @@
 import contextlib
 import json
 import math
+import threading
+from concurrent.futures import Future
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -93,6 +95,8 @@ def map_command(
     robot = robot_of(mechanism, changes, limits)
     chosen, grid = by_name(field), grid_of(fixes, grids)
     options: dict[str, Any] = {"precision": "float32" if float32 else "float64"}
+    if dry_run and scheduler is not None:
+        raise InputError("--dry-run predicts the sweep of this machine: leave --scheduler out.")
     if dry_run:
         _foretell(robot, chosen, grid, {**options, "store": where is not None, "workers": workers}, as_json)
         return
@@ -136,10 +140,24 @@ def _cluster(address: str | None) -> "Iterator[Any]":
         import distributed
     except ImportError:
         raise ClusterError("--scheduler needs dask.distributed: pip install 'jaxkin[scale]'.") from None
+    import logging
+
+    # What is lost is told in one sentence, not by every part of the client.
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)
+    connecting: Future[Any] = Future()
+
+    def connect() -> None:
+        try:
+            connecting.set_result(distributed.Client(address, timeout=_SECONDS_TO_CONNECT))
+        except BaseException as error:
+            connecting.set_exception(error)
+
+    # In a thread, as a port where something else listens is waited for without end.
+    threading.Thread(target=connect, daemon=True).start()
     try:
-        client = distributed.Client(address, timeout=_SECONDS_TO_CONNECT)
-    except (OSError, ValueError) as error:
-        reason = " ".join(str(error).split())
+        client = connecting.result(2 * _SECONDS_TO_CONNECT)
+    except Exception as error:  # Whatever the addresses that people write meet: many types, one answer.
+        reason = " ".join(str(error).split()) or "it took too long"
         raise ClusterError(
             f"--scheduler is {address!r}, where no scheduler answers ({reason}): start one with 'dask scheduler', and "
             "give the address that it prints."

@@ -6,6 +6,7 @@ constant, which are constant as far as samples go, and which hold a boundary.
 """
 
 import json
+import math
 import time
 from dataclasses import asdict, dataclass
 from numbers import Integral
@@ -28,6 +29,8 @@ if TYPE_CHECKING:
 
 #: Steps along a side of the coarsest cells, where the grid has so many, and none were asked for.
 _STRIDE = 32
+#: Coarsest cells that are held at most.
+_MOST_CELLS = 10**7
 #: Raise it when the same request gives other cells.
 _VERSION = 1
 
@@ -158,6 +161,12 @@ def _lattice(grid: BoundGrid, options: Adaptive) -> Lattice:
         raise InputError(
             f"jk.Adaptive: stride is {stride} and the grid has at most {max(steps)} steps along an axis: choose "
             f"{largest} or less."
+        )
+    coarse = math.prod(math.ceil(count / stride) for count in steps)
+    if coarse > _MOST_CELLS:
+        raise InputError(
+            f"jk.Adaptive: the grid has {coarse:.3g} coarsest cells of {stride} steps, more than memory can hold: use "
+            "fewer samples, or a larger stride."
         )
     lattice = Lattice(grid.shape, steps, stride)
     lattice.check()

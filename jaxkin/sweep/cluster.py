@@ -36,7 +36,7 @@ _AHEAD = 3
 #: Seconds between two looks at how many threads the cluster has.
 _LOOK = 5.0
 #: Seconds in which a first worker has to appear.
-_PATIENCE = 60.0
+_PATIENCE = 20.0
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,9 @@ from jaxkin.sweep.tiler import Tiler
 if TYPE_CHECKING:
     import xarray
 
+#: More tiles than this would take hours to list; more samples on one axis, gigabytes of coordinates.
+_MOST_TILES, _MOST_ALONG = 10**7, 10**8
+
 
 def sweep(
     robot: Mechanism,
@@ -77,6 +80,8 @@ def sweep(
         ClusterError: The executor has no workers, loses its scheduler, or has workers of other versions.
         SweepInterrupted: Ctrl-C; ``.dataset`` holds what was computed, and a store keeps it.
     """
+    if store is not None and not isinstance(store, (str, Path)):
+        raise InputError(f"jk.sweep: store is {store!r}: it must be the path of a folder, or None.")
     plan, request = planned("jk.sweep", robot, field, grid, precision)
     _check_workers(workers, executor)
     options = adaptive_options(adaptive)
@@ -113,6 +118,8 @@ def planned(
     bound = grid.bind(field.axes(robot), "joint" if field.domain == "joints" else "pose")
     check_precision(field, precision)
     plan = make_plan(robot, field, bound, precision)
+    if plan.tiles > _MOST_TILES or max(bound.shape) > _MOST_ALONG:
+        raise InputError(f"The grid has {bound.size:.3g} samples: that is more than one sweep can list; use fewer.")
     return plan, _request(robot, field, bound, plan.variables, precision)
 
 
@@ -130,22 +137,16 @@ def _check_adaptive(store: str | Path | None, executor: Any, precision: str) -> 
     for name, given in (("store", store), ("executor", executor)):
         if given is not None:
             raise InputError(
-                f"jk.sweep: adaptive sweeps are computed and held in this process: leave {name} out; the result has "
-                "to_zarr()."
+                f"jk.sweep: adaptive sweeps are computed and held in this process: leave {name} out, and write the "
+                "result, which is an xarray.Dataset."
             )
     if precision != "float64":
         raise InputError("jk.sweep: adaptive sweeps tell labels apart, which needs precision='float64'.")
 
 
-#: More tiles than this would take hours to list; more samples on one axis, gigabytes of coordinates.
-_MOST_TILES = 10**7
-
-
 def _check_size(plan: Plan, in_memory: bool) -> None:
     """Refuses what cannot fit before anything is allocated."""
     size = plan.grid.size
-    if plan.tiles > _MOST_TILES or max(plan.grid.shape) > 10**8:
-        raise InputError(f"The grid has {size:.3g} samples: that is more than one sweep can list; use fewer.")
     need = size * plan.sample_bytes
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else math.inf
     if in_memory and need > 0.8 * have:
@@ -167,7 +168,7 @@ def _request(
             "variables": [variable.name for variable in variables],
             "grid": grid.content(),
             "tolerances": vars(TOLERANCES),
-            **({} if precision == "float64" else {"precision": precision}),
+            "precision": precision,
         }
     )
 
@@ -186,7 +187,8 @@ def _run(
     todo = np.flatnonzero(~keeper.done)
     workers = max(1, min(workers or cores(), len(todo)))
     entries: dict[str, Any] = {"workers": workers if executor is None else str(executor)}
-    if isinstance(keeper, Store) and keeper.damaged:
+    if isinstance(keeper, Store):
+        entries["tiles_kept"] = int(keeper.done.sum())
         entries["recomputed_tiles"] = keeper.damaged
     finish = functools.partial(_finish, keeper, bool(len(todo)), started, entries)
     try:

@@ -215,10 +215,7 @@ def _make(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> No
             os.rename(path, old)
         os.rename(new, path)
     except OSError as error:
-        raise StoreError(
-            f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk with "
-            "space."
-        ) from error
+        raise _not_writable(path, error) from error
     finally:
         _mend_swap(path)
 
@@ -261,18 +258,23 @@ def _locked(path: Path) -> filelock.BaseFileLock:
                 return lock
         except filelock.Timeout:
             break
-        except FileNotFoundError:
-            pass
+        except FileNotFoundError as error:
+            if not path.parent.is_dir():
+                raise _not_writable(path, error) from error
         except OSError as error:
-            raise StoreError(
-                f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk "
-                "with space."
-            ) from error
+            raise _not_writable(path, error) from error
         # Whoever had it removed the file when this process had it open already: this lock keeps nobody out.
         lock.release()
     raise StoreError(
         f"{path} is being written by another process: wait for it, then run the same request again, or choose another "
         "store."
+    )
+
+
+def _not_writable(path: Path, error: OSError) -> StoreError:
+    return StoreError(
+        f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk with "
+        "space. What is complete already opens by jk.open_store."
     )
 
 

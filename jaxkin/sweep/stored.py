@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import zarr
 
+from jaxkin.core.errors import InputError
 from jaxkin.sweep.journal import Journal
 from jaxkin.sweep.manifest import JOURNAL, RUN_LOG, Manifest, beside, damaged_store, read_manifest, tile_file
 
@@ -32,6 +33,8 @@ def open_store(path: str | Path, chunks: Any = None) -> "xarray.Dataset":
 
     path = Path(path)
     manifest = read_manifest(path)
+    if not (chunks is None or chunks == "auto" or isinstance(chunks, (int, dict))):
+        raise InputError(f"jk.open_store: chunks is {chunks!r}: it must be None, 'auto', a number or a dict of sizes.")
     try:
         dataset = xarray.open_zarr(path, chunks=chunks, consolidated=False)
         for name in manifest.variables:
