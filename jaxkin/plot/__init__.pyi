@@ -1,6 +1,7 @@
 from .animation import animate_mode_change as animate_mode_change
 from .aspects import aspects as aspects
 from .basic_regions import basic_regions as basic_regions
+from .cells import cells as cells
 from .characteristic import characteristic as characteristic
 from .clearances import clearance_limit as clearance_limit
 from .clearances import interference as interference
