@@ -123,7 +123,7 @@ def test_the_figure_draws_every_cell():
         (lambda: jk.Adaptive(label=3), ["label is 3"]),
         (lambda: sweep(adaptive=jk.Adaptive(stride=256)), ["stride is 256", "160", "128"]),
         (lambda: sweep(adaptive="yes"), ["'yes'", "jk.Adaptive"]),
-        (lambda: sweep(adaptive=True, store="x.zarr"), ["in memory", "store"]),
+        (lambda: sweep(adaptive=True, store="x.zarr"), ["held in this process", "leave store out"]),
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sign")), ["forward_count", "sign"]),
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sing")), ["'sing'", "'forward_count'"]),
         (lambda: sweep(named("size"), adaptive=True), ["'size'", "another name"]),

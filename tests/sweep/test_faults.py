@@ -410,7 +410,7 @@ def _no_labels(attrs):
 
 
 def _other_tiles(attrs):
-    attrs["tiles"] = 11
+    attrs["tiles"] += 1
 
 
 def _other_layout(attrs):
