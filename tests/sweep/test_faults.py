@@ -488,7 +488,7 @@ def test_another_request_is_refused_and_the_store_untouched(pristine, tmp_path, 
 def test_another_precision_is_refused(tmp_path):
     single = small_sweep.field(single=True)
     run(tmp_path / "map.zarr", field=single)
-    refused(tmp_path / "map.zarr", "precision is None there and 'float32' here", field=single, precision="float32")
+    refused(tmp_path / "map.zarr", "precision is 'float64' there and 'float32' here", field=single, precision="float32")
 
 
 # -- two processes ------------------------------------------------------------------------------------------------

@@ -17,14 +17,11 @@ ROBOTS = {
 AXIS = st.one_of(st.none(), st.integers(2, 40), st.integers(41, 5000), st.integers(5001, 200_000))
 
 
-def cut(name, axes, precision="float64"):
-    grid = jk.Grid(**{f"rho{k + 1}": 1.0 if n is None else (0.0, 4.0, n) for k, n in enumerate(axes)})
-    return planned("test", ROBOTS[name], name, grid, precision)[0]
-
-
 @given(st.sampled_from(list(ROBOTS)), st.tuples(AXIS, AXIS, AXIS).filter(any))
 def test_tiles_are_whole_chunks_of_bounded_size(name, axes):
-    plan = cut(name, axes)
+    robot = ROBOTS[name]
+    grid = jk.Grid(**{f"rho{k + 1}": 1.0 if n is None else (0.0, 4.0, n) for k, n in enumerate(axes)})
+    plan = make_plan(robot, jk.fields.by_name(name), grid.bind(robot.joint_axes, "joint"))
     assert all(t % c == 0 for t, c in zip(plan.tile, plan.chunk, strict=True))
     assert all(b <= t for b, t in zip(plan.block, plan.tile, strict=True))
     # Sides are rounded up to whole chunks, and to pieces of equal size.
