@@ -1,4 +1,4 @@
-"""A small sweep of twelve tiles, some of them all fill value; run as a script, it runs it in processes that can die.
+"""A small sweep of eleven tiles, some of them all fill value; run as a script, it runs it in processes that can die.
 
 The script answers lines of JSON: each starts a process of its own, forked when everything is imported and nothing is
 computed, which meets a fault at its n-th file event.
@@ -43,7 +43,7 @@ HEIGHT = field()
 #: The grid cuts off the last tiles, which Zarr reads before it writes them.
 GRID = jk.Grid(x=(0.0, 2.0, 41), y=(0.0, 3.0, 31), phi=0.25)
 OTHER = jk.Grid(x=(0.0, 2.0, 41), y=(0.0, 3.0, 31), phi=0.5)
-TILES = 12
+TILES = 11
 
 
 def robot(base=1.0):

@@ -23,7 +23,7 @@ distributed = pytest.importorskip("distributed")
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
 GRID = jk.Grid(rho1=(0.01, 4.0, 61), rho2=1.0, rho3=(0.02, 4.0, 47))
 PLANE = jk.Grid(x=(0.0, 3.0, 40), y=(0.0, 3.0, 30), phi=0.25)
-TILES = 12
+TILES = 14
 TIMEOUT = 60
 
 
