@@ -319,34 +319,30 @@ def areas_under(plane: Plane, edges: list[Edge]) -> tuple[np.ndarray, np.ndarray
     """Returns the integral of the second plane coordinate over the first along each edge, and its estimated error.
 
     Gauss's rule in the share of the chord, which is a smooth parameter also where the image turns back or has a cusp;
-    two orders are compared, and parts of chords on which they differ are halved.
+    two orders are compared, and parts of chords on which they differ are halved. Next to a crossing of curves points
+    are the less sharp the nearer they are: a part whose halves differ no less is kept whole.
     """
     value = np.array([0.0 if edge.curves else _straight(edge) for edge in edges])
     error = np.zeros(len(edges))
     own = [number for number, edge in enumerate(edges) if edge.curves]
     if not own:
         return value, error
-    owner = np.repeat(own, [len(edges[number].u) - 1 for number in own])
-    spots = Spots(
-        np.array([edges[number].sheet for number in owner]),
-        np.concatenate([edges[number].u[:-1] for number in own]),
-        np.concatenate([edges[number].u[1:] for number in own]),
-    )
-    turn = np.array([edges[number].turn[1] for number in owner])
-    low, high = np.zeros(len(owner)), np.ones(len(owner))
+    parts = _chords(edges, own)
+    area, gap = _gauss(plane, parts)
     for halving in range(_HALVINGS + 1):
-        fine, coarse = (_gauss(plane, spots, turn, low, high, rule) for rule in _RULES)
-        gap = np.abs(fine - coarse)
         done = (gap < _CHORD_ERROR) | (halving == _HALVINGS)
-        np.add.at(value, owner[done], fine[done])
-        np.add.at(error, owner[done], gap[done] + 4e-16 * np.abs(fine[done]))
-        if done.all():
+        halves = parts.halves(~done)
+        areas, gaps = _gauss(plane, halves)
+        blurred = np.zeros_like(done)
+        blurred[~done] = (gap[~done] < _BLURRED) & (_of_both(gaps) >= gap[~done])
+        gap[~done] += np.where(blurred[~done], np.abs(_of_both(areas) - area[~done]), 0.0)
+        going = ~np.tile(blurred[~done], 2)
+        done |= blurred
+        np.add.at(value, parts.owner[done], area[done])
+        np.add.at(error, parts.owner[done], gap[done] + 4e-16 * np.abs(area[done]))
+        parts, area, gap = halves.of(going), areas[going], gaps[going]
+        if not going.any():
             break
-        left = ~done
-        middle = 0.5 * (low[left] + high[left])
-        low, high = np.concatenate([low[left], middle]), np.concatenate([middle, high[left]])
-        spots = spots.of(np.tile(np.flatnonzero(left), 2))
-        owner, turn = np.tile(owner[left], 2), np.tile(turn[left], 2)
     return value, error
 
 
@@ -354,18 +350,69 @@ def areas_under(plane: Plane, edges: list[Edge]) -> tuple[np.ndarray, np.ndarray
 _RULES = tuple(((nodes + 1) / 2, weights / 2) for nodes, weights in map(np.polynomial.legendre.leggauss, (4, 3)))
 #: Parts of chords on which both rules differ by less are not halved any more, and how often they are at most.
 _CHORD_ERROR, _HALVINGS = 1e-13, 8
+#: Only where both rules differ by less than this may rounding be what they differ by.
+_BLURRED = 1e-10
+
+
+class _Parts(NamedTuple):
+    """Parts of the chords of edges.
+
+    Attributes:
+        spots: The chords, ``n`` of them.
+        owner: ``(n,)`` numbers of the edges.
+        turn: ``(n,)`` whole turns of the edges in the second plane coordinate.
+        low: ``(n,)`` shares of the chords where the parts begin.
+        high: ``(n,)`` shares where they end.
+    """
+
+    spots: Spots
+    owner: np.ndarray
+    turn: np.ndarray
+    low: np.ndarray
+    high: np.ndarray
+
+    def of(self, some: np.ndarray) -> "_Parts":
+        """Returns some of them."""
+        return _Parts(self.spots.of(some), *(column[some] for column in self[1:]))
+
+    def halves(self, some: np.ndarray) -> "_Parts":
+        """Returns the first halves of some of them, then the second halves."""
+        parts = self.of(some)
+        middle = 0.5 * (parts.low + parts.high)
+        twice = parts.of(np.tile(np.arange(len(middle)), 2))
+        low, high = np.concatenate([parts.low, middle]), np.concatenate([middle, parts.high])
+        return twice._replace(low=low, high=high)
+
+
+def _of_both(halves: np.ndarray) -> np.ndarray:
+    return halves.reshape(2, -1).sum(axis=0)
+
+
+def _chords(edges: list[Edge], own: list[int]) -> _Parts:
+    owner = np.repeat(own, [len(edges[number].u) - 1 for number in own])
+    spots = Spots(
+        np.array([edges[number].sheet for number in owner]),
+        np.concatenate([edges[number].u[:-1] for number in own]),
+        np.concatenate([edges[number].u[1:] for number in own]),
+    )
+    turn = np.array([edges[number].turn[1] for number in owner])
+    return _Parts(spots, owner, turn, np.zeros(len(owner)), np.ones(len(owner)))
 
 
 def _straight(edge: Edge) -> float:
     return float(np.mean(edge.plane[:, 1]) * (edge.plane[1, 0] - edge.plane[0, 0]))
 
 
-def _gauss(
-    plane: Plane, spots: Spots, turn: np.ndarray, low: np.ndarray, high: np.ndarray, rule: tuple[np.ndarray, np.ndarray]
-) -> np.ndarray:
-    nodes, weights = rule
-    count, k = len(low), len(nodes)
-    s = low[:, None] + (high - low)[:, None] * nodes
-    _, place, rate = plane.along(spots.of(np.repeat(np.arange(count), k)), s.ravel())
-    height = place[:, 1].reshape(count, k) - turn[:, None]
-    return (high - low) * np.sum(weights * height * rate[:, 0].reshape(count, k), axis=1)
+def _gauss(plane: Plane, parts: _Parts) -> tuple[np.ndarray, np.ndarray]:
+    """Returns the areas under parts of chords by the better rule, and by how much the other one differs."""
+    fine, coarse = (_by_rule(plane, parts, nodes, weights) for nodes, weights in _RULES)
+    return fine, np.abs(fine - coarse)
+
+
+def _by_rule(plane: Plane, parts: _Parts, nodes: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    count, k = len(parts.low), len(nodes)
+    size = parts.high - parts.low
+    s = parts.low[:, None] + size[:, None] * nodes
+    _, place, rate = plane.along(parts.spots.of(np.repeat(np.arange(count), k)), s.ravel())
+    height = place[:, 1].reshape(count, k) - parts.turn[:, None]
+    return size * np.sum(weights * height * rate[:, 0].reshape(count, k), axis=1)

@@ -41,7 +41,8 @@ def assert_holds(robot: rpr3.GeneralRPR3 | rpr3.AnalyticRPR3, change: ModeChange
     assert zoo.glued_distance(change.poses[0], start, length) < 1e-9
     assert zoo.glued_distance(change.poses[-1], goal, length) < 1e-9
     np.testing.assert_allclose(change.joints[-1], change.joints[0], atol=1e-9)
-    legs = np.sqrt([[float(s) for s in robot._squared_lengths(tuple(pose))] for pose in change.poses[::16]])
+    points = map(robot.outline, change.poses[::16])
+    legs = [np.linalg.norm(platform - base, axis=1) for base, platform in points]
     np.testing.assert_allclose(change.joints[::16], legs, atol=1e-9 * length)
     between = np.linspace(change.poses[:-1], change.poses[1:], 9).reshape(-1, 3)
     signs = np.sign(np.asarray(_determinants(robot, jnp.asarray(between))))

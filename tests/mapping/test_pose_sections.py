@@ -172,7 +172,7 @@ def test_factors_are_named_and_glued_angles_closed(analytic):
         joints = zoo.inverse_batch(zoo.build(np.tile(zoo.EXAMPLE, (len(curve), 1))), jnp.asarray(curve.poses)).values[
             :, 0
         ]
-        np.testing.assert_allclose(curve.joints, joints, rtol=1e-14)
+        np.testing.assert_allclose(curve.joints, joints, rtol=1e-14, atol=1e-15)
     both = jax.vmap(ANALYTIC.factors)(jnp.asarray(analytic.crossings.poses))
     assert len(analytic.crossings) > 0
     assert max(float(np.max(np.abs(np.asarray(f)))) for f in both.values()) < 1e-13

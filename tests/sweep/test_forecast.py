@@ -29,7 +29,8 @@ def test_a_forecast_without_a_store_needs_memory_for_the_result():
     held, stored = (jk.forecast(ROBOT, "forward_count", large, store=store) for store in (False, True))
     assert held.stored_bytes is None
     assert held.memory > held.raw_bytes == 4 * 10**9
-    assert stored.memory < 1.5e9
+    # Both include what this process has needed so far.
+    assert held.memory - stored.memory > 3e9
 
 
 def test_on_a_cluster_the_longest_part_decides():
