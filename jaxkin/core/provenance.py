@@ -96,13 +96,18 @@ def environment() -> dict[str, Any]:
     }
 
 
-def _processor() -> str:
-    """Names the processor's vectors and fused multiplications, by which the same kernel may round otherwise."""
+def processor_flags() -> frozenset[str]:
+    """Returns what the processor can do, in the words of Linux; nothing where the system does not tell."""
     try:
         with open("/proc/cpuinfo", encoding="ascii", errors="replace") as file:
-            flags = set(file.read().split())
+            return frozenset(file.read().split())
     except OSError:
-        flags = set()
+        return frozenset()
+
+
+def _processor() -> str:
+    """Names the processor's vectors and fused multiplications, by which the same kernel may round otherwise."""
+    flags = processor_flags()
     return " ".join([platform.machine(), *(flag for flag in ("avx", "avx2", "fma", "avx512f", "sve") if flag in flags)])
 
 

@@ -280,10 +280,19 @@ def _angle(state: _State) -> Array:
 
 
 def _ordered(solved: _Solved) -> _Solved:
-    """Returns the first six lanes by phi, those without a pose last."""
+    """Returns the first six lanes by phi, those without a pose last.
+
+    By counting what comes before a lane: XLA sorts one sample after the other, and gathers so as well.
+    """
     key = jnp.where(solved.multiplicity > 0, solved.phi, 10.0)
-    order = jnp.argsort(key, axis=0)[:_LANES]
-    return _Solved(*(jnp.take_along_axis(values, order, axis=0) for values in solved))
+    number = jnp.arange(len(key))[:, None]
+    earlier = (key[:, None] < key[None]) | (key[:, None] == key[None]) & (number < number.T)[:, :, None]
+    rank = jnp.sum(earlier, axis=0)
+
+    def taken(values: Array) -> Array:
+        return jnp.stack([jnp.sum(jnp.where(rank == k, values, 0), axis=0) for k in range(_LANES)]).astype(values.dtype)
+
+    return _Solved(*map(taken, solved))
 
 
 def _second_pass(robot: _Robot, rho: Array, solved: _Solved, suspicious: Array) -> _Solved:

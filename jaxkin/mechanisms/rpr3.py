@@ -211,7 +211,7 @@ class GeneralRPR3(_PlanarRPR3):
     """
 
     id: ClassVar[str] = "rpr3"
-    forward_block: ClassVar[int] = 1 << 12
+    forward_block: ClassVar[int] = 1 << 13
 
     c2: Array
     c3: Array

@@ -309,7 +309,7 @@ def _per_working_mode(
 
 def _measure_block(robot: Mechanism) -> int:
     """Returns what outweighs a call where a sample is cheap, and stays in cache where its matrix is large."""
-    return 1 << 13 if len(robot.pose_axes) <= 3 else 1 << 12
+    return 1 << 15 if len(robot.pose_axes) <= 3 else 1 << 13
 
 
 def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:

@@ -24,7 +24,7 @@ _TILE_BLOCKS = 128
 #: ... and at most such a share of the grid, so that many cores find work.
 _TILES_WANTED = 32
 #: ... but with runs of memory no shorter than so many bytes, where the grid has them.
-_RUN_BYTES = 1 << 11
+_RUN_BYTES = 1 << 13
 #: Bytes of a chunk, the least that a reader has to decompress.
 _CHUNK_BYTES = 1 << 22
 #: Samples of a call on an accelerator, which has to be filled.
@@ -185,6 +185,16 @@ def _rows(shape: tuple[int, ...], target: int) -> tuple[int, ...]:
     """Returns a box of about ``target`` samples in long runs of memory: the last axes whole, as far as they fit."""
     sides, left = list(shape), max(1, target)
     for k in reversed(range(len(shape))):
-        sides[k] = min(shape[k], left)
+        sides[k] = _fitting(shape[k], left)
         left = max(1, left // sides[k])
-    return _even(shape, tuple(sides))
+    return tuple(sides)
+
+
+def _fitting(length: int, target: int) -> int:
+    """Returns a side of 2/3 to 3/2 of the target whose repetitions overlap the end of a length the least."""
+    most = 3 * target // 2
+    if length <= most:
+        return length
+    counts = range(math.ceil(length / most), max(1, 3 * length // (2 * target)) + 1)
+    sides = {math.ceil(length / count) for count in counts} or {target}
+    return min(sides, key=lambda side: (math.ceil(length / side) * side, abs(side - target)))

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numba_conditioning as nb
 import numpy as np
 import numpy_spatial
+from kernel import compiled
 from load import load_spatial
 from metric import Metric, Times, mistakes, speedup, throughput
 
@@ -16,7 +17,7 @@ from jaxkin.sweep.fields import Field, Variable, by_name
 
 Run = Callable[[], object]
 
-#: Samples of one call in cache, and of one timed run; singular values of six by six take longer.
+#: Samples of one call of a yardstick in cache, and of one timed run.
 KERNEL_BLOCK = 1 << 13
 SAMPLES = 1 << 18
 #: Grids whose results come in fresh pages.
@@ -90,15 +91,17 @@ def _measure(name: str, robot, size: np.ndarray | None, what: int, field: str) -
 
 def _in_cache(label: str, field: Field, robot, pose: np.ndarray, rivals: dict, wanted: np.ndarray, numbers: Run):
     """Times a kernel on random samples, and compares all results with NumPy's."""
-    kernel, arguments = jax.jit(field.kernel), tuple(jax.device_put(pose))
-    calls, out = SAMPLES // KERNEL_BLOCK, np.empty(wanted.shape)
+    # The same samples over and over: as many a call as a sweep takes.
+    arguments = tuple(jax.device_put(np.tile(pose, max(1, field.block(robot) // KERNEL_BLOCK))))
+    kernel, calls, out = compiled(field.kernel, robot, arguments), SAMPLES // KERNEL_BLOCK, np.empty(wanted.shape)
     runs: dict[str, Run] = {
-        "jaxkin": repeated(lambda: jax.block_until_ready(kernel(robot, arguments)), calls),
+        "jaxkin": repeated(lambda: jax.block_until_ready(kernel(robot, arguments)), SAMPLES // len(arguments[0])),
         "NumPy": repeated(numbers, calls),
     }
     runs |= {name: repeated(lambda run=run: run(out), calls) for name, run in rivals.items()}
     times, metrics = Times(runs, 5), []
-    found = {"jaxkin": np.concatenate([np.atleast_2d(a) for a in kernel(robot, arguments)]).reshape(wanted.shape)}
+    values = np.concatenate([np.atleast_2d(a)[:, :KERNEL_BLOCK] for a in kernel(robot, arguments)])
+    found = {"jaxkin": values.reshape(wanted.shape)}
     for name, run in rivals.items():
         run(out)
         found[name] = out.copy()

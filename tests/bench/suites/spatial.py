@@ -8,6 +8,7 @@ import jax
 import numba_spatial
 import numpy as np
 import numpy_spatial
+from kernel import compiled
 from load import load_spatial
 from metric import Metric, Times, mistakes, speedup, throughput
 from suites.conditioning import tlpm_size
@@ -18,7 +19,7 @@ from jaxkin.sweep import fields
 
 Run = Callable[[], object]
 
-#: Samples of one call in cache; the TLPM's fields, which write less, take four times as many in a sweep as well.
+#: Samples of one call of a yardstick in cache, for each robot.
 KERNEL_BLOCK = 1 << 12
 TLPM_BLOCK = 1 << 14
 #: Samples of one timed run in cache.
@@ -126,19 +127,23 @@ def _in_cache(
     name: str, field, robot, given: np.ndarray, yardstick, shapes, others: dict[str, Callable | None] | None = None
 ) -> list[Metric]:
     """Times a field's kernel on random samples, and compares what it finds with the yardsticks'."""
-    kernel, arguments, calls = jax.jit(field.kernel), tuple(jax.device_put(given)), SAMPLES // given.shape[1]
+    n = given.shape[1]
+    # The same samples over and over: as many a call as a sweep takes.
+    arguments = tuple(jax.device_put(np.tile(given, max(1, field.block(robot) // n))))
+    kernel, calls = compiled(field.kernel, robot, arguments), SAMPLES // n
     runs: dict[str, Run] = {
-        "jaxkin": _repeated(lambda: jax.block_until_ready(kernel(robot, arguments)), calls),
+        "jaxkin": _repeated(lambda: jax.block_until_ready(kernel(robot, arguments)), SAMPLES // len(arguments[0])),
     }
     fills = {"numba": yardstick, "C": (others or {}).get("C")}
     numpy_ = (others or {}).get("NumPy")
-    out, n = _outputs(shapes, given.shape[1]), given.shape[1]
+    out = _outputs(shapes, n)
     runs |= {rival: _repeated(lambda f=fill: f(given, *out), calls) for rival, fill in fills.items() if fill}
     if numpy_:
         runs["NumPy"] = _repeated(lambda: numpy_(given), calls)
     times = Times(runs)
     metrics = [throughput(f"spatial: {name}, kernel in cache", SAMPLES, times.median("jaxkin"))]
-    numbers = np.stack(field.unpack(tuple(np.asarray(a) for a in kernel(robot, arguments)))[: out[0].size // n])
+    arrays = field.unpack(tuple(np.asarray(a) for a in kernel(robot, arguments)))
+    numbers = np.stack([array[:n] for array in arrays[: out[0].size // n]])
     for rival in (each for each in runs if each != "jaxkin"):
         if rival == "NumPy":
             values = numpy_(given)

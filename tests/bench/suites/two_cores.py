@@ -39,6 +39,7 @@ def _block(field: str, device: int) -> Callable[[], object]:
     """Returns a call of the field's kernel on one block of random samples, on one device."""
     import jax
     import numpy as np
+    from kernel import compiled
 
     import jaxkin as jk
     from jaxkin.sweep import fields
@@ -47,7 +48,8 @@ def _block(field: str, device: int) -> Callable[[], object]:
     robot, chosen = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0), fields.by_name(field)
     place = jax.devices()[device]
     rho = np.random.default_rng(device).uniform(0, 4, (3, chosen.block(robot)))
-    kernel, given = jax.jit(chosen.kernel), jax.device_put((robot, tuple(rho)), place)
+    given = jax.device_put((robot, tuple(rho)), place)
+    kernel = compiled(chosen.kernel, *given)
     return lambda: kernel(*given)
 
 
