@@ -15,7 +15,6 @@ from jaxkin.cli.options import (
     fix_option,
     grid_of,
     grid_option,
-    grid_text,
     json_option,
     limit_option,
     robot_of,
@@ -23,6 +22,7 @@ from jaxkin.cli.options import (
     start_jax,
 )
 from jaxkin.core.errors import ClusterError, InputError, StoreError
+from jaxkin.sweep.units import grid_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

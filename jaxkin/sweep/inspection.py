@@ -11,7 +11,7 @@ from jaxkin.core.provenance import difference, environment
 from jaxkin.sweep.manifest import damaged_store, read_manifest
 from jaxkin.sweep.stored import journal_of, run_logs
 from jaxkin.sweep.threads import cores
-from jaxkin.sweep.units import bytes_text
+from jaxkin.sweep.units import bytes_text, grid_text
 
 
 @dataclass(frozen=True)
@@ -54,16 +54,12 @@ class StoreInfo:
     def __str__(self) -> str:
         """A few lines for a person."""
         geometry = ", ".join(f"{name}={value}" for name, value in self.request["geometry"].items())
-        grid = ", ".join(
-            f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
-            for axis, value in self.request["grid"].items()
-        )
         seconds = sum(run.get("seconds", 0) for run in self.runs)
         differs = difference(environment(), self.environment)
         lines = [
             f"{self.path}: {self.request['field']['name']} of {self.request['mechanism']}",
             f"  geometry    {geometry}",
-            f"  grid        {grid}",
+            f"  grid        {grid_text(self.request['grid'])}",
             f"  samples     {self.samples:,}, {self.tiles_done:,} of {self.tiles:,} tiles whole"
             + ("" if self.complete else ": the same request goes on"),
             f"  size        {bytes_text(self.stored_bytes)} on the disk, {bytes_text(self.raw_bytes)} uncompressed",

@@ -30,7 +30,7 @@ from jaxkin.sweep.manifest import (
     read_manifest,
     tile_file,
 )
-from jaxkin.sweep.plan import Plan, extent
+from jaxkin.sweep.plan import Plan, extent, tile_place
 from jaxkin.sweep.progress import Progress
 
 #: What Zarr leaves of a file that it did not finish.
@@ -69,7 +69,7 @@ class TileWriter:
 
     def files(self, number: int) -> list[Path]:
         """Returns the file of a tile in each variable."""
-        place = np.unravel_index(number, self._plan.counts)
+        place = tile_place(number, self._plan.counts)
         return [tile_file(self.path, v.name, len(v.lead), place) for v in self._plan.variables]
 
 

@@ -5,12 +5,12 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import zarr
 
 from jaxkin.core.errors import InputError
 from jaxkin.sweep.journal import Journal
 from jaxkin.sweep.manifest import JOURNAL, RUN_LOG, Manifest, beside, damaged_store, read_manifest, tile_file
+from jaxkin.sweep.plan import tile_counts, tile_place
 
 if TYPE_CHECKING:
     import xarray
@@ -54,12 +54,11 @@ def open_store(path: str | Path, chunks: Any = None) -> "xarray.Dataset":
 def journal_of(path: Path, manifest: Manifest) -> Journal:
     """Returns the journal of a store, whatever made it."""
     shapes = {name: zarr.open_array(path / name, mode="r").shape for name in manifest.variables}
-    tile = manifest.layout["tile"]
-    grid = shapes[manifest.field][len(shapes[manifest.field]) - len(tile) :]
-    counts = [-(-n // t) for n, t in zip(grid, tile, strict=True)]
+    tile = tuple(manifest.layout["tile"])
+    counts = tile_counts(shapes[manifest.field][-len(tile) :], tile)
 
     def files(number: int) -> list[Path]:
-        place = np.unravel_index(number, counts)
+        place = tile_place(number, counts)
         return [tile_file(path, name, len(shape) - len(tile), place) for name, shape in shapes.items()]
 
     return Journal(beside(path, manifest.field, JOURNAL), manifest.tiles, files)

@@ -1,4 +1,6 @@
-"""Bytes and seconds as a person says them."""
+"""Bytes, seconds and grids as a person says them."""
+
+from typing import Any
 
 
 def bytes_text(count: float) -> str:
@@ -16,3 +18,11 @@ def time_text(seconds: float) -> str:
         if seconds < limit:
             return f"{seconds / unit:.3g} {name}"
     return f"{seconds / 86400:.3g} days"
+
+
+def grid_text(content: dict[str, Any]) -> str:
+    """Says in a few words what a request holds as its grid."""
+    return ", ".join(
+        f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
+        for axis, value in content.items()
+    )
