@@ -7,9 +7,19 @@ from typing import TYPE_CHECKING, Any
 
 import zarr
 
-from jaxkin.core.errors import InputError
+from jaxkin.core.errors import InputError, StoreError
+from jaxkin.sweep.coordinates import damaged_coordinates
 from jaxkin.sweep.journal import Journal
-from jaxkin.sweep.manifest import JOURNAL, RUN_LOG, Manifest, beside, damaged_store, read_manifest, tile_file
+from jaxkin.sweep.manifest import (
+    JOURNAL,
+    RUN_LOG,
+    Contradiction,
+    Manifest,
+    beside,
+    damaged_store,
+    read_manifest,
+    tile_file,
+)
 from jaxkin.sweep.plan import tile_counts, tile_place
 
 if TYPE_CHECKING:
@@ -35,11 +45,16 @@ def open_store(path: str | Path, chunks: Any = None) -> "xarray.Dataset":
     manifest = read_manifest(path)
     if not (chunks is None or chunks == "auto" or isinstance(chunks, (int, dict))):
         raise InputError(f"jk.open_store: chunks is {chunks!r}: it must be None, 'auto', a number or a dict of sizes.")
+    wrong = damaged_coordinates(path, manifest.request["grid"])
+    if wrong:
+        raise StoreError(
+            f"{path} has damaged coordinates ({', '.join(wrong)}): run the same request again, which writes them anew."
+        )
     try:
         dataset = xarray.open_zarr(path, chunks=chunks, consolidated=False)
         for name in manifest.variables:
             if name not in dataset:
-                raise ValueError(f"the array {name!r} is gone")
+                raise Contradiction(f"the array {name!r} is gone")
     except Exception as error:
         raise damaged_store(path, error) from error
     for name in ("labels", "tiles", "layout", "environment"):

@@ -1,6 +1,11 @@
-"""Bytes, seconds and grids as a person says them."""
+"""Numbers of things, bytes, seconds and grids as a person says them."""
 
 from typing import Any
+
+
+def counted(number: int, thing: str) -> str:
+    """Returns a number with the thing that is counted: 1 tile, 2,000 samples."""
+    return f"{number:,} {thing}" if number == 1 else f"{number:,} {thing}s"
 
 
 def bytes_text(count: float) -> str:

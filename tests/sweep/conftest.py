@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 
@@ -53,3 +54,11 @@ def pristine(tmp_path_factory):
     store = tmp_path_factory.mktemp("pristine") / "map.zarr"
     run(store)
     return store
+
+
+@pytest.fixture
+def heeds_ctrl_c():
+    """A process started in the background may have been told to ignore Ctrl-C."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)

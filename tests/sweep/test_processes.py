@@ -16,7 +16,7 @@ from store_checks import beside, files, lines_of, settled
 
 import jaxkin as jk
 from jaxkin.sweep import engine
-from jaxkin.sweep import store as store_module
+from jaxkin.sweep import lock as lock_module
 from jaxkin.sweep.store import Store
 from jaxkin.sweep.threads import run_in_threads
 from jaxkin.sweep.tiler import Tiler
@@ -69,6 +69,47 @@ def test_the_lock_of_a_killed_process_is_free(nursery, tmp_path, whole):
     settled(store, whole["map"])
 
 
+def test_whoever_looks_at_a_store_that_is_being_written_is_told_so(nursery, tmp_path, whole):
+    store = tmp_path / "map.zarr"
+    other = nursery(store=store, action="stop", at=150)
+    try:
+        for _ in range(3):
+            check, info = jk.verify_store(store), jk.describe_store(store)
+            assert (check.ok, check.writing, check.damaged, info.writing) == (False, True, [], True)
+            assert 0 < check.tiles_done < TILES
+            assert f"{TILES - check.tiles_done} of 11 tiles are not written yet" in str(check)
+            assert "a sweep is writing to it right now" in str(check)
+            assert "missing" not in str(check)
+            assert "a sweep is writing to it right now" in str(info)
+    finally:
+        os.kill(other["pid"], signal.SIGKILL)
+        nursery(reap=other["pid"])
+    check = jk.verify_store(store)
+    assert (check.ok, check.writing) == (False, False)
+    assert f"{TILES - check.tiles_done} of 11 tiles are missing; the same request makes them anew" in str(check)
+    settled(store, whole["map"])
+    assert str(jk.verify_store(store)).endswith("all 11 tiles are as they were written")
+
+
+def test_whoever_looks_keeps_nobody_from_writing(tmp_path, whole):
+    store, looking = tmp_path / "map.zarr", threading.Event()
+
+    def look():
+        while not looking.is_set():
+            lock_module.being_written(store)
+
+    threads = [threading.Thread(target=look) for _ in range(2)]
+    for thread in threads:
+        thread.start()
+    try:
+        for _ in range(5):
+            settled(store, whole["map"])
+    finally:
+        looking.set()
+        for thread in threads:
+            thread.join()
+
+
 @pytest.mark.parametrize("anew", [False, True])
 def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(anew, tmp_path, monkeypatch):
     acquire, first = filelock.FileLock.acquire, iter([True])
@@ -81,7 +122,7 @@ def test_a_lock_on_a_file_that_was_removed_meanwhile_is_none(anew, tmp_path, mon
                 Path(self.lock_file).touch()
 
     monkeypatch.setattr(filelock.FileLock, "acquire", late)
-    lock = store_module._locked(tmp_path / "map.zarr")
+    lock = lock_module.locked(tmp_path / "map.zarr")
     assert Path(lock.lock_file).exists()
     with pytest.raises(jk.StoreError, match="another process"):
         run(tmp_path / "map.zarr")
@@ -148,6 +189,7 @@ def interrupting(monkeypatch, error, after):
     monkeypatch.setattr(Tiler, "compute", compute)
 
 
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_ctrl_c_keeps_the_tiles(tmp_path, whole, monkeypatch):
     store = tmp_path / "map.zarr"
     with monkeypatch.context() as patch:
@@ -172,6 +214,7 @@ def test_an_error_in_a_tile_is_the_users_and_keeps_the_others(tmp_path, whole, m
     settled(store, whole["map"])
 
 
+@pytest.mark.usefixtures("heeds_ctrl_c")
 def test_more_ctrl_c_do_not_let_go_of_what_is_being_written():
     written = []
 
