@@ -21,11 +21,12 @@ def _per_working_mode(
     measure: Callable[[Mechanism, Coordinates, Coordinates], Array],
     walls: Callable[[Mechanism], Walls | None] = lambda robot: None,
     attrs: dict[str, Any] | None = None,
+    signed: bool = True,
 ) -> Field:
     """Makes a field over poses: a measure of each working mode, without a branch axis where there is one mode."""
 
     def variables(robot: Mechanism) -> tuple[Variable, ...]:
-        return (Variable(name, "float64", unit, long_name, working_modes(robot), attrs=attrs or {}),)
+        return (Variable(name, "float64", unit, long_name, working_modes(robot), attrs=attrs or {}, signed=signed),)
 
     def kernel(robot: Mechanism, pose: Coordinates) -> tuple[Array, ...]:
         out = []
@@ -61,6 +62,7 @@ smallest_singular_value = _per_working_mode(
     "smallest singular value of the scaled dq/dx",
     lambda robot, x, q: elementwise_conditioning(robot, x, q).smallest_singular_value,
     attrs=_SCALED,
+    signed=False,
 )
 
 #: Smallest over largest singular value of the scaled dq/dx.
@@ -70,6 +72,7 @@ inverse_condition_number = _per_working_mode(
     "inverse condition number of the scaled dq/dx",
     lambda robot, x, q: elementwise_conditioning(robot, x, q).inverse_condition_number,
     attrs=_SCALED,
+    signed=False,
 )
 
 

@@ -13,7 +13,7 @@ from jax import Array
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep._field_catalogue import FIELDS
-from jaxkin.sweep._field_record import Coordinates, Field, Variable
+from jaxkin.sweep._field_record import Coordinates, Field, Variable, check_name
 from jaxkin.sweep.walls import Walls
 
 
@@ -42,18 +42,26 @@ def from_function(
             whether they are all.
 
     Raises:
-        InputError: The domain is neither, the name is that of a field of jaxkin, or the dtype is another one.
+        InputError: The domain is neither, the name is none or that of a field of jaxkin, or the dtype is another one.
+            Before a sweep: the function returns anything but one number, or one that the dtype would cut off.
     """
+    check_name(name)
     if domain not in ("pose", "joints"):
         raise InputError(f"The domain of field {name!r} is {domain!r}: it must be 'pose' or 'joints'.")
     if name in FIELDS:
         raise InputError(f"A field {name!r} exists in jaxkin: choose another name.")
     kind = _own_dtype(name, dtype)
     text = _source(function) + ("" if kind == np.float64 else kind.name) + ("" if walls is None else _source(walls))
+
+    def variables(robot: Mechanism) -> tuple[Variable, ...]:
+        axes = robot.joint_axes if domain == "joints" else robot.pose_axes
+        _check_value(name, kind, jax.eval_shape(function, robot, jax.ShapeDtypeStruct((len(axes),), float)))
+        return (Variable(name, kind.name, unit, long_name or name, missing=_missing(kind)),)
+
     return Field(
         name=name,
         domain=domain,
-        variables=lambda robot: (Variable(name, kind.name, unit, long_name or name, missing=_missing(kind)),),
+        variables=variables,
         kernel=lambda robot, coordinates: (
             # ``float`` is whichever precision the sweep asks for.
             _each_sample(
@@ -75,6 +83,25 @@ def _own_dtype(name: str, dtype: Any) -> np.dtype:
     if kind != np.float64 and kind.kind not in "iub":
         raise InputError(f"The dtype of field {name!r} is {dtype!r}: it must be 'float64', 'bool' or an integer type.")
     return kind
+
+
+def _check_value(name: str, kind: np.dtype, value: Any) -> None:
+    """Refuses a function whose value, here in the abstract, is not one number of the kind that was declared."""
+    if not isinstance(value, jax.ShapeDtypeStruct):
+        raise InputError(
+            f"The function of field {name!r} returns {type(value).__name__}: it must return one number for each "
+            "configuration; make a field of every number."
+        )
+    if value.shape:
+        raise InputError(
+            f"The function of field {name!r} returns an array of shape {value.shape}: it must return one number for "
+            "each configuration, of shape (); make a field of every entry."
+        )
+    if value.dtype.kind == "c" or (kind.kind in "iub" and value.dtype.kind not in "iub"):
+        raise InputError(
+            f"Field {name!r} is declared as {kind.name} and its function returns {value.dtype.name}, which would be "
+            "cut off: return what was declared, or declare dtype='float64' for real numbers."
+        )
 
 
 def _missing(kind: np.dtype) -> Any:

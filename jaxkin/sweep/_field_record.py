@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from jax import Array
 
+from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Axis, Mechanism
 from jaxkin.sweep.walls import Walls
 
@@ -25,6 +26,7 @@ class Variable:
         dims: Leading dimensions besides the grid's, each with its labels.
         missing: Value of samples that were not computed.
         attrs: Further attributes.
+        signed: False where the values cannot be negative by what they are, so that their sign is no label.
     """
 
     name: str
@@ -34,6 +36,7 @@ class Variable:
     dims: tuple[tuple[str, tuple[Any, ...]], ...] = ()
     missing: Any = np.nan
     attrs: dict[str, Any] = field(default_factory=dict)
+    signed: bool = True
 
     @property
     def lead(self) -> tuple[int, ...]:
@@ -57,6 +60,9 @@ class Field:
         version: Raise it when the kernel changes its numbers.
         walls: Mechanism -> between which walls the field's label is constant (its main variable if that is discrete,
             the statuses of its branches, or its sign), so that adaptive sweeps can prove it; None where none are known.
+
+    Raises:
+        InputError: The name cannot be that of an array.
     """
 
     name: str
@@ -69,6 +75,10 @@ class Field:
     version: str = "1"
     walls: Callable[[Mechanism], Walls | None] = lambda robot: None
 
+    def __post_init__(self) -> None:
+        """Checks the name."""
+        check_name(self.name)
+
     def __reduce__(self) -> Any:
         """Fields of jaxkin travel to other processes by their names."""
         from jaxkin.sweep._field_catalogue import FIELDS, by_name
@@ -78,3 +88,16 @@ class Field:
     def axes(self, robot: Mechanism) -> tuple[Axis, ...]:
         """Returns the mechanism's axes of this field's domain."""
         return robot.joint_axes if self.domain == "joints" else robot.pose_axes
+
+
+def check_name(name: Any) -> None:
+    """Refuses a name that cannot be that of an array and of its folder in a store.
+
+    Raises:
+        InputError: It is no such name.
+    """
+    if not isinstance(name, str) or not name.strip() or name.startswith((".", "__")) or set(name) & set("/\\"):
+        raise InputError(
+            f"The name of a field is {name!r}: it must be text, not empty, without slashes, and not begin with a dot "
+            "or two underscores, as an array of the result bears it; choose another name."
+        )
