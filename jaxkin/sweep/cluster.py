@@ -26,6 +26,7 @@ from jaxkin.sweep.memory import Memory
 from jaxkin.sweep.plan import Plan, extent
 from jaxkin.sweep.store import Store, TileWriter
 from jaxkin.sweep.tiler import Tiler
+from jaxkin.sweep.units import counted
 
 #: How often a tile is tried again that failed by what may pass; the scheduler itself sends those of dead workers on.
 _RETRIES = 3
@@ -58,28 +59,35 @@ class Recipe:
     store: Path | None
 
 
+def check_client(client: Any) -> None:
+    """Refuses what is no client of ``dask.distributed``, and one that is closed.
+
+    Raises:
+        InputError: It is something else.
+        ClusterError: It is closed.
+    """
+    for need in ("submit", "nthreads", "wait_for_workers", "status"):
+        if not hasattr(client, need):
+            raise InputError(
+                f"executor is {type(client).__name__}: it must be a dask.distributed.Client (pip install "
+                "'jaxkin[scale]'), or None for threads of this process."
+            )
+    if client.status in ("closed", "closing"):
+        raise ClusterError(
+            f"executor is a dask.distributed.Client that is {client.status}: connect a new one to the scheduler, and "
+            "pass it while it is open."
+        )
+
+
 def run_on_cluster(
     client: Any, robot: Mechanism, plan: Plan, request: Request, keeper: Memory | Store, numbers: list[int]
 ) -> Iterator[int]:
     """Does the tiles of these numbers on a cluster, and yields each when it is kept.
 
     Raises:
-        InputError: The executor is no client of ``dask.distributed``.
         ClusterError: There are no workers, they have other versions, or the scheduler is lost.
         StoreError: A worker cannot write.
     """
-    for need in ("submit", "nthreads", "wait_for_workers"):
-        if not hasattr(client, need):
-            raise InputError(
-                f"executor is {type(client).__name__}: it must be a dask.distributed.Client (pip install "
-                "'jaxkin[scale]'), or None for threads of this process."
-            )
-    return _tiles(client, robot, plan, request, keeper, numbers)
-
-
-def _tiles(
-    client: Any, robot: Mechanism, plan: Plan, request: Request, keeper: Memory | Store, numbers: list[int]
-) -> Iterator[int]:
     import cloudpickle
 
     _wait_for_worker(client)
@@ -171,8 +179,8 @@ def _keep(future: Any, number: int, keeper: Memory | Store) -> None:
         raise _lost(f"tile {number}: {type(error).__name__}") from error
     except distributed.KilledWorker as error:
         raise ClusterError(
-            f"Tile {number} was on {error.allowed_failures + 1} workers when they died: they may lack memory; give "
-            "them more, then run the same request again; where there is a store, its whole tiles are kept."
+            f"Under tile {number}, {counted(error.allowed_failures + 1, 'worker')} died, perhaps of too little memory: "
+            "give them more, then run the same request again; where there is a store, its whole tiles are kept."
         ) from error
     if isinstance(keeper, Store):
         keeper.record(number, outcome)

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.words import given
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid
 
@@ -120,9 +121,10 @@ def check_precision(field: Field, precision: str) -> None:
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}: it must be 'float64' or 'float32'.")
     if precision == "float32" and not field.single:
+        what, remedy = given("precision is 'float32'"), given("use 'float64'")
         raise InputError(
-            f"precision is 'float32', which cannot tell close solutions of {field.name!r} apart: use 'float64', or a "
-            "field that measures one pose, such as 'inverse_branches' or 'smallest_singular_value'."
+            f"{what}, which cannot tell close solutions of {field.name!r} apart: {remedy}, or sweep a field that "
+            "measures one pose, such as 'inverse_branches' or 'smallest_singular_value'."
         )
 
 
