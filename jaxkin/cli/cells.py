@@ -25,11 +25,11 @@ _PICTURES = ("cells.png", "cells.pdf")
 
 #: Options of ``jk.Adaptive``, by their names there.
 _OPTIONS = {
-    "stride": ("N", int, "Grid steps along a side of the coarsest cells, a power of two; 32 or fewer by default."),
-    "probes": ("N", int, "Random samples in each round of the error estimate, 0 for none; 4000 by default."),
-    "seed": ("N", int, "Seed of the random samples; 0 by default."),
-    "proof": ("N", int, "Split cells of more steps until they are proved constant; 1 by default, 0 tries no proof."),
-    "label": ("NAME", str, "What is constant in cells: sign of a real field, or one of its discrete variables."),
+    "stride": ("N", int, "grid steps along a side of the coarsest cells, a power of two; 32 or fewer by default."),
+    "probes": ("N", int, "random samples in each round of the error estimate, 0 for none; 4000 by default."),
+    "seed": ("N", int, "seed of the random samples; 0 by default."),
+    "proof": ("N", int, "split cells of more steps until they are proved constant; 1 by default, 0 tries no proof."),
+    "label": ("NAME", str, "what is constant in cells: sign of a real field, or one of its discrete variables."),
 }
 
 

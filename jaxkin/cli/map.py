@@ -86,8 +86,8 @@ def map_command(
     The same command again goes on where it stopped, and overwrites nothing. 'jaxkin info' and 'jaxkin verify' tell what
     a store holds.
 
-    With --adaptive the data is cells in which the field is constant, and the files in the folder of --out are named
-    cells instead of map.
+    With --adaptive the data is cells in which the field is constant; they are computed in memory, anew by the same
+    command again, and written into the folder of --out, where the files are named cells instead of map.
     """
     alone = {"--store": store, "--resume": resume, "--scheduler": scheduler, "--float32": float32, "--dry-run": dry_run}
     check_adaptive(adaptive, refining, alone)
