@@ -36,7 +36,7 @@ def from_function(
         unit: Unit of the value.
         long_name: For labels; the name if not given.
         dtype: ``"float64"``, or ``"bool"`` or an integer type for what is constant in cells: a membership, a number of
-            tests passed, a label. Such a field can be swept adaptively.
+            tests passed, a label. Such a field can be swept adaptively; its function returns bools or integers too.
         walls: ``(mechanism, vector) -> (m,)`` smooth functions: on any connected set on which none of them vanishes,
             the value is constant (a real field's sign). Adaptive sweeps prove cells by them; jaxkin cannot know
             whether they are all.
@@ -100,7 +100,8 @@ def _check_value(name: str, kind: np.dtype, value: Any) -> None:
     if value.dtype.kind == "c" or (kind.kind in "iub" and value.dtype.kind not in "iub"):
         raise InputError(
             f"Field {name!r} is declared as {kind.name} and its function returns {value.dtype.name}, which would be "
-            "cut off: return what was declared, or declare dtype='float64' for real numbers."
+            f"cut off: return what was declared, with .astype({kind.name!r}) where the numbers are whole, or declare "
+            "dtype='float64'."
         )
 
 

@@ -59,20 +59,14 @@ class Recipe:
     store: Path | None
 
 
-def check_client(client: Any) -> None:
-    """Refuses what is no client of ``dask.distributed``, and one that is closed.
+def check_open(client: Any) -> None:
+    """Refuses a client that is closed, before anything is written.
 
     Raises:
-        InputError: It is something else.
         ClusterError: It is closed.
     """
-    for need in ("submit", "nthreads", "wait_for_workers", "status"):
-        if not hasattr(client, need):
-            raise InputError(
-                f"executor is {type(client).__name__}: it must be a dask.distributed.Client (pip install "
-                "'jaxkin[scale]'), or None for threads of this process."
-            )
-    if client.status in ("closed", "closing"):
+    # Nothing else is asked of it yet: where nothing is left to do, no cluster is needed.
+    if getattr(client, "status", None) in ("closing", "closed"):
         raise ClusterError(
             f"executor is a dask.distributed.Client that is {client.status}: connect a new one to the scheduler, and "
             "pass it while it is open."
@@ -85,9 +79,22 @@ def run_on_cluster(
     """Does the tiles of these numbers on a cluster, and yields each when it is kept.
 
     Raises:
+        InputError: The executor is no client of ``dask.distributed``.
         ClusterError: There are no workers, they have other versions, or the scheduler is lost.
         StoreError: A worker cannot write.
     """
+    for need in ("submit", "nthreads", "wait_for_workers"):
+        if not hasattr(client, need):
+            raise InputError(
+                f"executor is {type(client).__name__}: it must be a dask.distributed.Client (pip install "
+                "'jaxkin[scale]'), or None for threads of this process."
+            )
+    return _tiles(client, robot, plan, request, keeper, numbers)
+
+
+def _tiles(
+    client: Any, robot: Mechanism, plan: Plan, request: Request, keeper: Memory | Store, numbers: list[int]
+) -> Iterator[int]:
     import cloudpickle
 
     _wait_for_worker(client)
@@ -178,9 +185,11 @@ def _keep(future: Any, number: int, keeper: Memory | Store) -> None:
     except (concurrent.futures.CancelledError, CommClosedError, TimeoutError) as error:
         raise _lost(f"tile {number}: {type(error).__name__}") from error
     except distributed.KilledWorker as error:
+        workers = error.allowed_failures + 1
+        died = f"{counted(workers, 'worker')} when {'it' if workers == 1 else 'they'} died"
         raise ClusterError(
-            f"Under tile {number}, {counted(error.allowed_failures + 1, 'worker')} died, perhaps of too little memory: "
-            "give them more, then run the same request again; where there is a store, its whole tiles are kept."
+            f"Tile {number} was on {died}, perhaps of too little memory: give more, then run the same request again; "
+            "where there is a store, its whole tiles are kept."
         ) from error
     if isinstance(keeper, Store):
         keeper.record(number, outcome)

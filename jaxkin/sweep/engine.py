@@ -139,7 +139,7 @@ def _check_names(plan: Plan) -> None:
 
 
 def check_workers(who: str, workers: int | None, executor: Any = None) -> None:
-    """Refuses what cannot be the number of threads, or an executor that cannot work.
+    """Refuses what cannot be the number of threads, or an executor that is closed.
 
     Raises:
         InputError: It is one of these.
@@ -153,9 +153,9 @@ def check_workers(who: str, workers: int | None, executor: Any = None) -> None:
             "their own threads; leave one of the two out."
         )
     if executor is not None:
-        from jaxkin.sweep.cluster import check_client
+        from jaxkin.sweep.cluster import check_open
 
-        check_client(executor)
+        check_open(executor)
 
 
 def _check_adaptive(store: str | Path | None, executor: Any, precision: str) -> None:

@@ -91,23 +91,31 @@ def test_whoever_looks_at_a_store_that_is_being_written_is_told_so(nursery, tmp_
     assert str(jk.verify_store(store)).endswith("all 11 tiles are as they were written")
 
 
-def test_whoever_looks_keeps_nobody_from_writing(tmp_path, whole):
-    store, looking = tmp_path / "map.zarr", threading.Event()
+def test_whoever_looks_keeps_nobody_from_writing(tmp_path, whole, monkeypatch):
+    acquire, looks = filelock.FileLock.acquire, iter(range(2))
 
-    def look():
-        while not looking.is_set():
-            lock_module.being_written(store)
+    def met(self):
+        # As where somebody looks at that moment.
+        if next(looks, None) is not None:
+            raise filelock.Timeout(self.lock_file)
+        return acquire(self)
 
-    threads = [threading.Thread(target=look) for _ in range(2)]
-    for thread in threads:
-        thread.start()
-    try:
-        for _ in range(5):
-            settled(store, whole["map"])
-    finally:
-        looking.set()
-        for thread in threads:
-            thread.join()
+    monkeypatch.setattr(filelock.FileLock, "acquire", met)
+    settled(tmp_path / "map.zarr", whole["map"])
+    assert next(looks, None) is None
+    assert not lock_module.being_written(tmp_path / "map.zarr")
+
+
+@pytest.mark.skipif(lock_module.fcntl is None, reason="looking without taking the lock needs flock")
+def test_two_who_look_see_nobody_and_need_no_right_to_write(tmp_path):
+    file = lock_module.aside(tmp_path / "map.zarr", "lock")
+    file.touch(0o400)
+    with file.open("rb") as opened:
+        lock_module.fcntl.flock(opened, lock_module.fcntl.LOCK_SH)
+        assert not lock_module.being_written(tmp_path / "map.zarr")
+        lock_module.fcntl.flock(opened, lock_module.fcntl.LOCK_EX)
+        assert lock_module.being_written(tmp_path / "map.zarr")
+    assert not lock_module.being_written(tmp_path / "map.zarr")
 
 
 @pytest.mark.parametrize("anew", [False, True])
