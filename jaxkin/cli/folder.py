@@ -3,6 +3,7 @@
 import contextlib
 import csv
 import io
+import json
 import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
@@ -115,3 +116,11 @@ def csv_text(header: Iterable[str], rows: Iterable[Iterable[Any]]) -> str:
     writer.writerow(header)
     writer.writerows(rows)
     return buffer.getvalue()
+
+
+def request_of(path: Path) -> str | None:
+    """Returns the request that a file of numbers belongs to; it is written last, so it vouches for the pictures."""
+    try:
+        return json.loads(path.read_text())["request_hash"]
+    except (OSError, ValueError, KeyError, TypeError):
+        return None

@@ -13,6 +13,8 @@ from jaxkin.cli.reproduce import reproduce_command
 from jaxkin.cli.sections import cusps_command, loci_command
 from jaxkin.cli.stores import info_command, verify_command
 from jaxkin.cli.topology import aspects_command, regions_command
+from jaxkin.cli.words import OPTIONS
+from jaxkin.core.words import spoken
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"]})
@@ -64,7 +66,8 @@ def main(arguments: list[str] | None = None) -> None:
     from jaxkin.core.errors import JaxkinError, SweepInterrupted
 
     try:
-        code = cli.main(arguments, prog_name="jaxkin", standalone_mode=False)
+        with spoken(OPTIONS):
+            code = cli.main(arguments, prog_name="jaxkin", standalone_mode=False)
     except click.ClickException as error:
         click.echo(f"jaxkin: {error.format_message()} See --help.", err=True)
         sys.exit(2)

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from jaxkin.cli.folder import check_folder, pictures, write_files
+from jaxkin.cli.cells import adaptive_options, check_adaptive, check_cells_folder, map_cells
+from jaxkin.cli.folder import check_folder, pictures, request_of, write_files
 from jaxkin.cli.options import (
     fix_option,
     grid_of,
     grid_option,
-    grid_text,
     json_option,
     limit_option,
     robot_of,
@@ -23,6 +23,7 @@ from jaxkin.cli.options import (
     start_jax,
 )
 from jaxkin.core.errors import ClusterError, InputError, StoreError
+from jaxkin.sweep.units import grid_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -54,6 +55,7 @@ _SECONDS_TO_CONNECT = 10
 @click.option("--scheduler", metavar="ADDRESS", help="Compute on the workers of a dask scheduler, tcp://HOST:PORT.")
 @click.option("--float32", is_flag=True, help="Compute and store in float32, and say how far off that is.")
 @click.option("--dry-run", is_flag=True, help="Say what it would take: samples, memory, bytes and time.")
+@adaptive_options
 @set_option
 @limit_option
 @json_option
@@ -73,6 +75,8 @@ def map_command(
     changes: tuple[str, ...],
     limits: tuple[str, ...],
     as_json: bool,
+    adaptive: bool,
+    **refining: Any,
 ) -> None:
     """Map a field over a grid.
 
@@ -81,35 +85,48 @@ def map_command(
 
     The same command again goes on where it stopped, and overwrites nothing. 'jaxkin info' and 'jaxkin verify' tell what
     a store holds.
+
+    With --adaptive the data is cells in which the field is constant; they are computed in memory, anew by the same
+    command again, and written into the folder of --out, where the files are named cells instead of map.
     """
-    if out is not None and not dry_run:
-        # With the data elsewhere, any file of an earlier run tells that the folder is the command's own.
-        own = [_DATA] if store is None else [name for name in (_NUMBERS, *_PICTURES) if (out / name).exists()]
-        check_folder(out, (own or [_NUMBERS])[0], force)
+    alone = {"--store": store, "--resume": resume, "--scheduler": scheduler, "--float32": float32, "--dry-run": dry_run}
+    check_adaptive(adaptive, refining, alone)
+    _check_out(out, store, adaptive, force)
     where = store or (None if out is None else out / _DATA)
     _check_resume(resume, where, force)
+    if dry_run and scheduler is not None:
+        raise InputError("--dry-run predicts the sweep of this machine: leave --scheduler out.")
     start_jax()
     from jaxkin.sweep.engine import sweep
     from jaxkin.sweep.fields import by_name
 
     robot = robot_of(mechanism, changes, limits)
     chosen, grid = by_name(field), grid_of(fixes, grids)
-    options: dict[str, Any] = {"precision": "float32" if float32 else "float64"}
-    if dry_run and scheduler is not None:
-        raise InputError("--dry-run predicts the sweep of this machine: leave --scheduler out.")
+    if adaptive:
+        map_cells(robot, chosen, grid, refining, workers, out, force, as_json)
+        return
+    options: dict[str, Any] = {"precision": "float32" if float32 else "float64", "overwrite": force, "workers": workers}
     if dry_run:
-        _foretell(robot, chosen, grid, {**options, "store": where is not None, "workers": workers}, as_json)
+        _foretell(robot, chosen, grid, {**options, "store": False if where is None else where}, as_json)
         return
     with _cluster(scheduler) as executor:
-        dataset = sweep(
-            robot, chosen, grid, store=where, overwrite=force, workers=workers, executor=executor, **options
-        )
+        dataset = sweep(robot, chosen, grid, store=where, executor=executor, **options)
     numbers = _numbers(dataset)
     if where is not None:
         numbers["files"] = {"data": str(where)}
     if out is not None:
         numbers["files"] |= _write(dataset, numbers, out, force)
     click.echo(json.dumps(numbers, indent=2) if as_json else _summary(robot, numbers))
+
+
+def _check_out(out: Path | None, store: Path | None, adaptive: bool, force: bool) -> None:
+    """Refuses a folder that cannot be used, or holds anything but this command's files."""
+    if adaptive:
+        check_cells_folder(out, force)
+    elif out is not None:
+        # With the data elsewhere, any file of an earlier run tells that the folder is the command's own.
+        own = [_DATA] if store is None else [name for name in (_NUMBERS, *_PICTURES) if (out / name).exists()]
+        check_folder(out, (own or [_NUMBERS])[0], force)
 
 
 def _check_resume(resume: bool, where: Path | None, force: bool) -> None:
@@ -157,10 +174,9 @@ def _cluster(address: str | None) -> "Iterator[Any]":
     try:
         client = connecting.result(2 * _SECONDS_TO_CONNECT)
     except Exception as error:  # Whatever the addresses that people write meet: many types, one answer.
-        reason = " ".join(str(error).split()) or "it took too long"
         raise ClusterError(
-            f"--scheduler is {address!r}, where no scheduler answers ({reason}): start one with 'dask scheduler', and "
-            "give the address that it prints."
+            f"--scheduler is {address!r}, where no scheduler answers: start one with 'dask scheduler', and give the "
+            "address that it prints, tcp://HOST:PORT."
         ) from error
     with client:
         yield client
@@ -185,7 +201,8 @@ def _numbers(dataset: "xarray.Dataset") -> dict[str, Any]:
         numbers |= _statistics(dataset, name, samples)
     except Exception as error:  # Whatever Zarr meets in a damaged chunk.
         raise StoreError(
-            f"The data of {name!r} cannot be read ({error}): it is damaged; replace it with --force."
+            f"The data of {name!r} cannot be read, as it is damaged: run the same command again, which computes anew "
+            "what is damaged."
         ) from error
     if "float32_error" in dataset.attrs:
         numbers["float32_error"] = json.loads(dataset.attrs["float32_error"])
@@ -260,7 +277,7 @@ def _pieces(main: "xarray.DataArray") -> "Iterator[tuple[slice, ...]]":
 def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force: bool) -> dict[str, str]:
     """Writes the files that are missing or of another request (all, with --force); tells where each is."""
     out.mkdir(parents=True, exist_ok=True)
-    force = force or _request_of(out / _NUMBERS) != numbers["request_hash"]
+    force = force or request_of(out / _NUMBERS) != numbers["request_hash"]
     files = {"numbers": str(out / _NUMBERS)}
     missing = [out / name for name in _PICTURES if force or not (out / name).exists()]
     if missing:
@@ -275,14 +292,6 @@ def _write(dataset: "xarray.Dataset", numbers: dict[str, Any], out: Path, force:
     return files
 
 
-def _request_of(path: Path) -> str | None:
-    """Returns the request that a file of numbers belongs to; it is written last, so it vouches for the pictures."""
-    try:
-        return json.loads(path.read_text())["request_hash"]
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-
-
 def _draw(dataset: "xarray.Dataset", paths: list[Path]) -> dict[Path, bytes]:
     from jaxkin.plot.maps import section
 
@@ -294,7 +303,10 @@ def _summary(robot: "Mechanism", numbers: dict[str, Any]) -> str:
     if not numbers["complete"]:
         lines.append("  incomplete: run the same command again")
     if "fractions" in numbers:
-        lines += [f"  {n:>3} solutions  {share:10.4%}" for n, share in numbers["fractions"].items()]
+        lines += [
+            f"  {n:>3} {'solution ' if n == '1' else 'solutions'}  {share:10.4%}"
+            for n, share in numbers["fractions"].items()
+        ]
         lines.append(f"  nearly double (undecided in float64): {numbers['nearly_double']}")
     elif "shares" in numbers:
         lines += [f"  {name:24}{share:10.4%}" for name, share in numbers["shares"].items()]

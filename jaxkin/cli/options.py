@@ -124,11 +124,3 @@ def grid_of(fixes: tuple[str, ...], grids: tuple[str, ...]) -> "Grid":
             raise InputError(f"--grid {key} has n = {parts[2]!r}: the number of samples must be an integer.") from None
         axes[key] = (low, high, count)
     return Grid(**axes)
-
-
-def grid_text(content: dict[str, Any]) -> str:
-    """Says in a few words what a request holds as its grid."""
-    return ", ".join(
-        f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
-        for axis, value in content.items()
-    )

@@ -13,7 +13,6 @@ from jaxkin.cli.options import (
     fix_option,
     grid_of,
     grid_option,
-    grid_text,
     json_option,
     limit_option,
     robot_of,
@@ -21,6 +20,7 @@ from jaxkin.cli.options import (
     start_jax,
 )
 from jaxkin.core.errors import StoreError
+from jaxkin.sweep.units import grid_text
 
 if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism

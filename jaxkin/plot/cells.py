@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from jaxkin.core.errors import InputError
 from jaxkin.plot import style
+from jaxkin.sweep.units import counted
 
 #: Boundary cells, one grid step wide: their colour, and how it is named.
 _BOUNDARY = "#000000"
@@ -76,7 +77,7 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
     fixed = {str(n): float(c) for n, c in result.coords.items() if c.ndim == 0 and c.dtype.kind == "f"}
     first = style.in_lines(style.value(name, value) for name, value in fixed.items())
     evaluated, whole = result.attrs["evaluations"], result.attrs["grid_samples"]
-    second = f"{len(values)} cells, {evaluated} of {whole} samples evaluated"
+    second = f"{counted(len(values), 'cell')}, {evaluated} of {whole} samples evaluated"
     ax.set_title("\n".join(line for line in (first, second) if line), fontsize="medium")
     return ax
 

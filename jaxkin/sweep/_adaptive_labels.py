@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.words import given
 from jaxkin.sweep.fields import Field, Variable
 
 #: The label that asks for the sign of a real field.
@@ -40,14 +41,19 @@ def labelling(robot: Mechanism, swept: Field, choice: str | None) -> "Labelling"
     discrete = [name for name, variable in variables.items() if _is_discrete(variable)]
     if choice == SIGN:
         if np.dtype(main.dtype).kind != "f" or f"{main.name}_status" in variables:
-            raise InputError(f"Field {swept.name!r} is labelled by its sign: it has none; leave label out.")
+            raise InputError(f"Field {swept.name!r} is labelled by its sign: it has none; leave {given('label')} out.")
+        if not main.signed:
+            raise InputError(
+                f"Field {swept.name!r} is labelled by its sign: its values cannot be negative, so that the sign tells "
+                f"nothing; sweep it without {given('adaptive')}, or 'direct_determinant', whose sign changes."
+            )
         return Labelling(_sign_variable(main), lambda values: _signs(values[main.name]))
     if choice is None:
         choice = next((name for name in (main.name, f"{main.name}_status") if name in discrete), None)
     if choice not in discrete:
         wrong = "its values are real numbers" if choice is None else f"{choice!r} is none of its discrete variables"
-        known = ", ".join(repr(name) for name in discrete)
-        remedy = f"choose {known}" if known else f"ask for its sign with jk.Adaptive(label={SIGN!r})"
+        known, by_sign = ", ".join(map(repr, discrete)), given("jk.Adaptive(label='sign')")
+        remedy = f"choose {known}" if known else f"ask for its sign with {by_sign}"
         raise InputError(
             f"Field {swept.name!r} cannot be swept adaptively: {wrong}, and only what is constant in cells can; "
             f"{remedy}."

@@ -14,6 +14,7 @@ from jaxkin.sweep._adaptive_lattice import MIXED, PROVED, UNPROVED, UNTRIED, Lat
 from jaxkin.sweep._adaptive_proof import Prover
 from jaxkin.sweep._adaptive_samples import Samples
 from jaxkin.sweep.fields import Variable
+from jaxkin.sweep.units import counted
 
 #: Samples whose cells are looked up together.
 _CHUNK = 1 << 17
@@ -150,7 +151,7 @@ class Refinement:
         contradicted = leaf[bad][tree.proof[leaf[bad]] == PROVED]
         if len(contradicted):
             raise InputError(
-                f"Field {self.name!r}: a cell of {tree.size[contradicted[0]]} steps from sample "
+                f"Field {self.name!r}: a cell of {counted(int(tree.size[contradicted[0]]), 'step')} from sample "
                 f"{tree.low[contradicted[0]].tolist()} holds no wall and two labels: its walls must bound all its "
                 "labels; declare the missing ones, or leave proofs out with jk.Adaptive(proof=0)."
             )

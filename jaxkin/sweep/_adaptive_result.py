@@ -18,11 +18,14 @@ from jaxkin.sweep._adaptive_proof import corner_coordinates
 from jaxkin.sweep._adaptive_refine import Probes, Refinement
 from jaxkin.sweep.fields import Variable
 from jaxkin.sweep.grid import BoundGrid, Grid, Span
+from jaxkin.sweep.units import counted
 
 #: Values of the variable ``constant``.
 BOUNDARY, SAMPLED, PROVED_CONSTANT = 0, 1, 2
 #: What is stored of each sample besides its label has this in its name.
 AT_SAMPLES = "_at_samples"
+#: Attribute of a stored result that holds its coordinates of text, as in the stores of dense sweeps.
+_NAMES = "labels"
 
 
 class AdaptiveSweep(xarray.Dataset):
@@ -45,7 +48,19 @@ class AdaptiveSweep(xarray.Dataset):
     @classmethod
     def of(cls, dataset: xarray.Dataset) -> "AdaptiveSweep":
         """Returns a dataset, read from a file for instance, with these methods again."""
-        return cls(dataset.data_vars, coords=dataset.coords, attrs=dataset.attrs)
+        attrs = dict(dataset.attrs)
+        names = json.loads(attrs.pop(_NAMES, "{}"))
+        return cls(dataset.data_vars, coords=dataset.coords, attrs=attrs).assign_coords(names)
+
+    def to_zarr(self, *args: Any, **kwargs: Any) -> Any:
+        """Writes the result as ``xarray.Dataset.to_zarr`` does, with coordinates of text as an attribute.
+
+        ``jk.AdaptiveSweep.of`` makes coordinates of them again.
+        """
+        # Zarr 3 has no settled format for text.
+        names = {str(name): each.values.tolist() for name, each in self.coords.items() if each.dtype.kind in "UTO"}
+        plain = self.to_dataset().drop_vars(names).assign_attrs({_NAMES: json.dumps(names)})
+        return plain.to_zarr(*args, **kwargs)
 
     def to_dataset(self) -> xarray.Dataset:
         """Returns a plain ``xarray.Dataset`` of the same content."""
@@ -291,9 +306,9 @@ def _summary(found: AdaptiveSweep) -> str:
     proved, sampled, boundary = (float(np.sum(share[constant == k])) for k in (PROVED_CONSTANT, SAMPLED, BOUNDARY))
     sides = ", ".join(f"{name} {side:.4g}" for name, side in json.loads(attrs["resolution"]).items())
     lines = [
-        f"{attrs['field']} of {attrs['mechanism']} in {found.sizes['cell']} cells"
+        f"{attrs['field']} of {attrs['mechanism']} in {counted(found.sizes['cell'], 'cell')}"
         + ("" if attrs["complete"] else " (interrupted)"),
-        f"  {attrs['evaluations']} of {attrs['grid_samples']} samples evaluated "
+        f"  {attrs['evaluations']:,} of {counted(attrs['grid_samples'], 'sample')} evaluated "
         f"({attrs['evaluations'] / attrs['grid_samples']:.2%})",
         f"  measure: {proved:.2%} proved constant, {sampled:.2%} constant by samples, {boundary:.2%} in boundary cells",
         f"  nothing missed that holds a box of {sides}, or hangs together with what was met",
@@ -304,8 +319,9 @@ def _summary(found: AdaptiveSweep) -> str:
         lines.append("  every cell of more than one grid step is proved: no sample of the grid differs")
     elif attrs["probes"]:
         lines.append(
-            f"  with 95 % at most {attrs['missed_share_bound']:.2e} of the samples differ ({attrs['probes']} random "
-            f"probes in {attrs['probe_rounds']} rounds, seed {attrs['seed']}; {attrs['probe_hits']} found something)"
+            f"  with 95 % at most {attrs['missed_share_bound']:.2e} of the samples differ "
+            f"({counted(attrs['probes'], 'random probe')} in {counted(attrs['probe_rounds'], 'round')}, seed "
+            f"{attrs['seed']}; {attrs['probe_hits']} found something)"
         )
     else:
         lines.append("  no estimate of what was missed: no random probes were asked for")

@@ -4,28 +4,17 @@ import concurrent.futures
 from collections.abc import Callable, Iterator
 from functools import partial
 
-import jax
-import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep._adaptive_labels import Labelling
 from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
+from jaxkin.sweep.scattered import scattered_values
 
 #: Scattered samples that one call takes: rounds that follow a boundary ask for few, and pay for a whole block.
 BLOCK = 1 << 8
-
-
-def _scattered_values(robot: Mechanism, coordinates: tuple[Array, ...], field: Field, count: int) -> tuple[Array, ...]:
-    """Evaluates a field at scattered samples; coordinates are vectors on free axes and scalars on fixed ones."""
-    values = field.kernel(robot, coordinates)
-    return tuple(jnp.broadcast_to(value, (*value.shape[: max(0, value.ndim - 1)], count)) for value in values)
-
-
-_compiled_scatter = jax.jit(_scattered_values, static_argnames=("field", "count"))
 
 
 class Evaluator:
@@ -43,7 +32,7 @@ class Evaluator:
         self._variables = field.variables(robot)
         self._axes = [grid.coordinate(k) for k in range(len(grid.axes))]
         self._block = max(1, min(field.block(robot), BLOCK))
-        self._run = partial(_compiled_scatter, robot, field=field, count=self._block)
+        self._run = partial(scattered_values, robot, field=field, count=self._block)
 
     def __call__(self, place: np.ndarray) -> dict[str, np.ndarray]:
         """Returns every variable at samples ``(k, d)``, with the samples along the last axis."""

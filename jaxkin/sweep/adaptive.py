@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from jaxkin.core.errors import InputError, SweepInterrupted
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, run_log
+from jaxkin.core.words import given
 from jaxkin.sweep._adaptive_labels import labelling
 from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep._adaptive_proof import Prover
@@ -23,6 +24,7 @@ from jaxkin.sweep._adaptive_samples import Evaluator, Samples
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
 from jaxkin.sweep.progress import Progress
+from jaxkin.sweep.units import counted
 
 if TYPE_CHECKING:
     from jaxkin.sweep._adaptive_result import AdaptiveSweep
@@ -69,8 +71,8 @@ class Adaptive:
             if self.stride & (self.stride - 1):
                 below = 1 << (self.stride.bit_length() - 1)
                 raise InputError(
-                    f"jk.Adaptive: stride is {self.stride}: it must be a power of two, so that cells can be halved to "
-                    f"one grid step; take {below} or {2 * below}."
+                    f"{given('jk.Adaptive: stride')} is {self.stride}: it must be a power of two, so that cells can be "
+                    f"halved to one grid step; take {below} or {2 * below}."
                 )
         if self.label is not None and not isinstance(self.label, str):
             raise InputError(f"jk.Adaptive: label is {self.label!r}: give the name of a variable, 'sign', or None.")
@@ -79,7 +81,9 @@ class Adaptive:
 def _whole(name: str, value: Any, least: int) -> int:
     """Returns a number as the request holds it, a plain int."""
     if not isinstance(value, Integral) or isinstance(value, bool) or value < least:
-        raise InputError(f"jk.Adaptive: {name} is {value!r}: it must be a whole number of at least {least}.")
+        raise InputError(
+            f"{given(f'jk.Adaptive: {name}')} is {value!r}: it must be a whole number of at least {least}."
+        )
     return int(value)
 
 
@@ -148,7 +152,7 @@ def adaptive_sweep(
         except KeyboardInterrupt:
             if not len(refinement.tree):
                 raise
-            message = f"Stopped after {samples.evaluated} samples of an adaptive sweep."
+            message = f"Stopped after {counted(samples.evaluated, 'sample')} of an adaptive sweep."
             raise SweepInterrupted(message, result(False), samples.evaluated) from None
         return result(True)
 
@@ -159,13 +163,13 @@ def _lattice(grid: BoundGrid, options: Adaptive) -> Lattice:
     stride = min(_STRIDE, largest) if options.stride is None else options.stride
     if stride > max(steps):
         raise InputError(
-            f"jk.Adaptive: stride is {stride} and the grid has at most {max(steps)} steps along an axis: choose "
-            f"{largest} or less."
+            f"{given('jk.Adaptive: stride')} is {stride} and the grid has at most {counted(max(steps), 'step')} along "
+            f"an axis: choose {largest} or less."
         )
     coarse = math.prod(math.ceil(count / stride) for count in steps)
     if coarse > _MOST_CELLS:
         raise InputError(
-            f"jk.Adaptive: the grid has {coarse:.3g} coarsest cells of {stride} steps, more than memory can hold: use "
+            f"The grid has {coarse:.3g} coarsest cells of {counted(stride, 'step')}, more than memory can hold: use "
             "fewer samples, or a larger stride."
         )
     lattice = Lattice(grid.shape, steps, stride)

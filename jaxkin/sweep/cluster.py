@@ -26,6 +26,7 @@ from jaxkin.sweep.memory import Memory
 from jaxkin.sweep.plan import Plan, extent
 from jaxkin.sweep.store import Store, TileWriter
 from jaxkin.sweep.tiler import Tiler
+from jaxkin.sweep.units import counted
 
 #: How often a tile is tried again that failed by what may pass; the scheduler itself sends those of dead workers on.
 _RETRIES = 3
@@ -56,6 +57,20 @@ class Recipe:
     request_hash: str
     environment: dict[str, Any]
     store: Path | None
+
+
+def check_open(client: Any) -> None:
+    """Refuses a client that is closed, before anything is written.
+
+    Raises:
+        ClusterError: It is closed.
+    """
+    # Nothing else is asked of it yet: where nothing is left to do, no cluster is needed.
+    if getattr(client, "status", None) in ("closing", "closed"):
+        raise ClusterError(
+            f"executor is a dask.distributed.Client that is {client.status}: connect a new one to the scheduler, and "
+            "pass it while it is open."
+        )
 
 
 def run_on_cluster(
@@ -170,9 +185,11 @@ def _keep(future: Any, number: int, keeper: Memory | Store) -> None:
     except (concurrent.futures.CancelledError, CommClosedError, TimeoutError) as error:
         raise _lost(f"tile {number}: {type(error).__name__}") from error
     except distributed.KilledWorker as error:
+        workers = error.allowed_failures + 1
+        died = f"{counted(workers, 'worker')} when {'it' if workers == 1 else 'they'} died"
         raise ClusterError(
-            f"Tile {number} was on {error.allowed_failures + 1} workers when they died: they may lack memory; give "
-            "them more, then run the same request again; where there is a store, its whole tiles are kept."
+            f"Tile {number} was on {died}, perhaps of too little memory: give more, then run the same request again; "
+            "where there is a store, its whole tiles are kept."
         ) from error
     if isinstance(keeper, Store):
         keeper.record(number, outcome)

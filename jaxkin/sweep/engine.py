@@ -13,6 +13,7 @@ import numpy as np
 from jaxkin.core.errors import GeometryError, InputError, SweepInterrupted
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, identity, run_log
+from jaxkin.core.words import given
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields
 from jaxkin.sweep.adaptive import Adaptive, adaptive_options, adaptive_sweep
@@ -26,6 +27,7 @@ from jaxkin.sweep.store import Store
 from jaxkin.sweep.stored import open_store
 from jaxkin.sweep.threads import cores, run_in_threads
 from jaxkin.sweep.tiler import Tiler
+from jaxkin.sweep.units import counted
 
 if TYPE_CHECKING:
     import xarray
@@ -83,12 +85,13 @@ def sweep(
     if store is not None and not isinstance(store, (str, Path)):
         raise InputError(f"jk.sweep: store is {store!r}: it must be the path of a folder, or None.")
     plan, request = planned("jk.sweep", robot, field, grid, precision)
-    _check_workers(workers, executor)
+    check_workers("jk.sweep", workers, executor)
     options = adaptive_options(adaptive)
     if options is not None:
         _check_adaptive(store, executor, precision)
         return adaptive_sweep(robot, plan.field, plan.grid, request, options, workers or cores(), progress)
-    _check_size(plan, in_memory=store is None)
+    if store is None:
+        check_size(plan)
     attrs = single_error(robot, plan) if precision == "float32" else {}
     if store is None:
         return _run(robot, plan, request, Memory(plan, request, attrs), workers, executor, progress)
@@ -118,41 +121,69 @@ def planned(
     bound = grid.bind(field.axes(robot), "joint" if field.domain == "joints" else "pose")
     check_precision(field, precision)
     plan = make_plan(robot, field, bound, precision)
+    _check_names(plan)
     if plan.tiles > _MOST_TILES or max(bound.shape) > _MOST_ALONG:
         raise InputError(f"The grid has {bound.size:.3g} samples: that is more than one sweep can list; use fewer.")
     return plan, _request(robot, field, bound, plan.variables, precision)
 
 
-def _check_workers(workers: int | None, executor: Any) -> None:
+def _check_names(plan: Plan) -> None:
+    """Refuses a variable that bears the name of a coordinate of the result."""
+    coordinates = {axis.name for axis in plan.grid.axes} | {name for v in plan.variables for name, _ in v.dims}
+    for variable in plan.variables:
+        if variable.name in coordinates:
+            raise InputError(
+                f"Field {plan.field.name!r} has a variable {variable.name!r}, which is the name of an axis of the "
+                "result: give it another name."
+            )
+
+
+def check_workers(who: str, workers: int | None, executor: Any = None) -> None:
+    """Refuses what cannot be the number of threads, or an executor that is closed.
+
+    Raises:
+        InputError: It is one of these.
+        ClusterError: The executor is closed.
+    """
     if workers is not None and (not isinstance(workers, int) or isinstance(workers, bool) or workers < 1):
-        raise InputError(f"jk.sweep: workers is {workers!r}: it must be a whole number of threads, at least 1.")
+        raise InputError(f"{who}: workers is {workers!r}: it must be a whole number of threads, at least 1.")
     if workers is not None and executor is not None:
         raise InputError(
-            f"jk.sweep: workers is {workers}, and there is an executor: the cluster's workers have their own threads; "
-            "leave one of the two out."
+            f"{given('workers')} is {workers}, and {given('executor')} is given as well: the cluster's workers have "
+            "their own threads; leave one of the two out."
         )
+    if executor is not None:
+        from jaxkin.sweep.cluster import check_open
+
+        check_open(executor)
 
 
 def _check_adaptive(store: str | Path | None, executor: Any, precision: str) -> None:
-    for name, given in (("store", store), ("executor", executor)):
-        if given is not None:
+    who = given("jk.sweep: ")
+    for name, value in (("store", store), ("executor", executor)):
+        if value is not None:
             raise InputError(
-                f"jk.sweep: adaptive sweeps are computed and held in this process: leave {name} out, and write the "
-                "result, which is an xarray.Dataset."
+                f"{who}adaptive sweeps are computed and held in this process: leave {given(name)} out, and "
+                f"{given('write the result, which is an xarray.Dataset')}."
             )
     if precision != "float64":
-        raise InputError("jk.sweep: adaptive sweeps tell labels apart, which needs precision='float64'.")
+        need = given("precision='float64'")
+        raise InputError(f"{who}adaptive sweeps tell labels apart, which needs {need}.")
 
 
-def _check_size(plan: Plan, in_memory: bool) -> None:
-    """Refuses what cannot fit before anything is allocated."""
+def check_size(plan: Plan) -> None:
+    """Refuses a result that this machine cannot hold, before anything is allocated.
+
+    Raises:
+        InputError: It cannot.
+    """
     size = plan.grid.size
     need = size * plan.sample_bytes
     have = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") if hasattr(os, "sysconf") else math.inf
-    if in_memory and need > 0.8 * have:
+    if need > 0.8 * have:
         raise InputError(
             f"The grid has {size:.3g} samples, which need {need / 1e9:.0f} GB; this machine has {have / 1e9:.0f} GB: "
-            "give a store (store=..., --store) or use fewer samples."
+            f"give {given('store=...')}, or use fewer samples."
         )
 
 
@@ -190,7 +221,9 @@ def _run(
     if isinstance(keeper, Store):
         entries["tiles_kept"] = int(keeper.done.sum())
         entries["recomputed_tiles"] = keeper.damaged
-    finish = functools.partial(_finish, keeper, bool(len(todo)), started, entries)
+        entries["rewritten_coordinates"] = keeper.mended
+    worked = bool(len(todo) or entries.get("rewritten_coordinates"))
+    finish = functools.partial(_finish, keeper, worked, started, entries)
     try:
         if len(todo):
             with Progress(plan.grid.size, plan.field.name, plan.samples_of(keeper.done), show) as bar:
@@ -199,7 +232,8 @@ def _run(
     except KeyboardInterrupt:
         done = plan.samples_of(keeper.done)
         kept = f"; the finished tiles are in {keeper.path}, the same request goes on there" if keeper.path else ""
-        raise SweepInterrupted(f"Stopped after {done} of {plan.grid.size} samples{kept}.", finish(), done) from None
+        samples = counted(plan.grid.size, "sample")
+        raise SweepInterrupted(f"Stopped after {done:,} of {samples}{kept}.", finish(), done) from None
     except BaseException:
         keeper.close(None)
         raise

@@ -10,16 +10,18 @@ from pathlib import Path
 import numpy as np
 import zarr
 
+from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep import result
-from jaxkin.sweep.engine import planned
+from jaxkin.sweep.engine import check_size, check_workers, planned
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import Grid
 from jaxkin.sweep.manifest import compressors
 from jaxkin.sweep.plan import Box, Plan, extent
+from jaxkin.sweep.store import check_store
 from jaxkin.sweep.threads import cores
 from jaxkin.sweep.tiler import Tiler
-from jaxkin.sweep.units import bytes_text, time_text
+from jaxkin.sweep.units import bytes_text, counted, time_text
 
 #: Tiles, spread over the grid, of which a piece is computed and written, and the seconds that a piece may take.
 _PROBES, _PATIENCE = 5, 0.3
@@ -83,10 +85,11 @@ class Forecast:
         rate = self.samples / max(self.seconds, 1e-9) / 1e6
         disk = "" if self.stored_bytes is None else f", about {bytes_text(self.stored_bytes)} on the disk"
         return (
-            f"{self.samples:,} samples in {self.tiles:,} tiles\n"
+            f"{counted(self.samples, 'sample')} in {counted(self.tiles, 'tile')}\n"
             f"  result      {bytes_text(self.raw_bytes)}{disk}\n"
             f"  memory      about {bytes_text(self.memory)}\n"
-            f"  time        about {time_text(self.seconds)} with {self.workers} threads ({rate:.3g} million samples/s)"
+            f"  time        about {time_text(self.seconds)} with {counted(self.workers, 'thread')} ({rate:.3g} million "
+            "samples/s)"
         )
 
 
@@ -122,7 +125,8 @@ def forecast(
     field: Field | str,
     grid: Grid,
     *,
-    store: bool = True,
+    store: bool | str | Path = True,
+    overwrite: bool = False,
     workers: int | None = None,
     precision: str = "float64",
 ) -> Forecast:
@@ -132,7 +136,9 @@ def forecast(
         robot: The mechanism.
         field: The field, or its name.
         grid: The grid.
-        store: True where the result goes into a store, False where it is held in memory.
+        store: True where the result goes into a store, False where it is held in memory; or the folder of the store,
+            which is then checked as the sweep would check it. Nothing is written there.
+        overwrite: As in ``jk.sweep``.
         workers: Threads; the number of cores by default.
         precision: As in ``jk.sweep``.
 
@@ -140,8 +146,16 @@ def forecast(
         PrecisionError: float64 is not enabled.
         InputError: As from ``jk.sweep``.
         GeometryError: As from ``jk.sweep``.
+        StoreError: As from ``jk.sweep``, where the folder of a store is given.
     """
-    plan, _ = planned("jk.forecast", robot, field, grid, precision)
+    if not isinstance(store, (bool, str, Path)):
+        raise InputError(f"jk.forecast: store is {store!r}: it must be True, False or the path of a folder.")
+    plan, request = planned("jk.forecast", robot, field, grid, precision)
+    check_workers("jk.forecast", workers)
+    if store is False:
+        check_size(plan)
+    elif store is not True:
+        check_store(Path(store), request, plan, overwrite)
     workers = max(1, min(workers or cores(), plan.tiles))
     tiler = Tiler(robot, plan)
     started = time.perf_counter()

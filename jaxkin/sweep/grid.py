@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Axis
+from jaxkin.core.words import given
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Grid:
 
     def __init__(self, **axes: Any):
         if not axes:
-            raise InputError("Grid() has no axis: give each axis as (low, high, n), or as a number to fix it.")
+            raise InputError(f"{given('Grid()')} has no axis: give each axis as {_how()}.")
         self.axes: dict[str, Span | float] = {name: _parsed(name, value) for name, value in axes.items()}
 
     @property
@@ -61,11 +62,11 @@ class Grid:
                 raise InputError(f"The grid has an axis {name!r}; the {space} space has {', '.join(names)}. Rename it.")
         for name in names:
             if name not in self.axes:
-                raise InputError(
-                    f"The grid lacks the {space} axis {name!r}: give it as (low, high, n), or as a number to fix it."
-                )
+                raise InputError(f"The grid lacks the {space} axis {name!r}: give it as {_how()}.")
         if not self.free:
-            raise InputError("The grid has no free axis: give at least one as (low, high, n) with n >= 2.")
+            raise InputError(
+                f"The grid has no free axis: give at least one as {given('(low, high, n)')} with at least 2 samples."
+            )
         return BoundGrid(tuple(axes), tuple(self.axes[name] for name in names))
 
 
@@ -106,6 +107,11 @@ class BoundGrid:
         }
 
 
+def _how() -> str:
+    """Says how an axis is given."""
+    return f"{given('(low, high, n)')}, or as {given('a number to fix it')}"
+
+
 def _parsed(name: str, value: Any) -> Span | float:
     if isinstance(value, Real) and not isinstance(value, bool):
         if not math.isfinite(value):
@@ -114,14 +120,13 @@ def _parsed(name: str, value: Any) -> Span | float:
     try:
         low, high, count = value
     except (TypeError, ValueError):
-        raise InputError(
-            f"Grid axis {name!r} is {value!r}: it must be (low, high, n), or a number to fix it."
-        ) from None
+        raise InputError(f"Grid axis {name!r} is {value!r}: it must be {_how()}.") from None
     if not isinstance(count, Integral) or isinstance(count, bool):
         raise InputError(f"Grid axis {name!r} has n = {count!r}: the number of samples must be an integer.")
     if count < 2:
         raise InputError(
-            f"Grid axis {name!r} has n = {count}: a free axis needs at least 2 samples; to fix it, give one number."
+            f"Grid axis {name!r} has n = {count}: a free axis needs at least 2 samples; to fix it, give "
+            f"{given('one number')}."
         )
     if not all(isinstance(end, Real) and math.isfinite(end) for end in (low, high)):
         raise InputError(f"Grid axis {name!r} goes from {low!r} to {high!r}: both ends must be finite numbers.")

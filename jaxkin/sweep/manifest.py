@@ -10,7 +10,9 @@ import zarr
 
 from jaxkin.core.errors import StoreError
 from jaxkin.core.provenance import Request, difference, environment
+from jaxkin.core.words import given
 from jaxkin.sweep import result
+from jaxkin.sweep.coordinates import write_coordinate
 from jaxkin.sweep.plan import Plan
 
 #: Files beside the main array's chunks.
@@ -46,38 +48,46 @@ class Manifest:
         return self.request["variables"]
 
 
-def read_manifest(path: Path) -> Manifest:
+class Contradiction(ValueError):
+    """What is there is not what the store says of itself; the message says how, in plain words."""
+
+
+def read_manifest(path: Path, remedy: str = "give the path of one that a sweep has written") -> Manifest:
     """Returns what a store says of itself.
+
+    Args:
+        path: Its folder.
+        remedy: What whoever asks may do where there is something else.
 
     Raises:
         StoreError: There is no readable jaxkin store.
     """
+    if not path.exists():
+        raise StoreError(f"There is no store {path}: give the path of one that a sweep has written.")
     if not path.is_dir() or not (path / "zarr.json").exists():
-        raise StoreError(
-            f"{path} exists and is no jaxkin store: move it away or choose another path; jaxkin replaces only stores "
-            "of its own."
-            if path.exists()
-            else f"There is no store {path}: give the path of one that a sweep has written."
-        )
+        raise StoreError(f"{path} exists and is no jaxkin store: {remedy}.")
     try:
         attrs = json.loads((path / "zarr.json").read_text())["attributes"]
         request = Request(json.loads(attrs["request"]))
         if request.hash != attrs["request_hash"]:
-            raise ValueError("its request is not the one that it was made with")
+            raise Contradiction("its request is not the one that it was made with")
         content = request.content
         json.loads(attrs["labels"])
         if not content["field"]["name"] == content["variables"][0]:
-            raise ValueError("its first variable is not the field")
+            raise Contradiction("its first variable is not the field")
         return Manifest(
             content, json.loads(attrs["environment"]), json.loads(attrs["layout"]), int(attrs["tiles"]), attrs
         )
     except (KeyError, TypeError, ValueError, IndexError, OSError) as error:
-        reason = " ".join(str(error).split())[:200]
+        reason = _plainly(error, "it is cut short, of an older jaxkin, or of another program")
         raise StoreError(
-            f"{path} holds a Zarr group without a readable jaxkin request ({reason}; cut short, of an older "
-            "jaxkin, or of another program): move it away or choose another path; --force replaces only what is surely "
-            "jaxkin's."
+            f"{path} holds a Zarr group without a readable jaxkin request ({reason}): {remedy}."
         ) from error
+
+
+def _plainly(error: Exception, otherwise: str) -> str:
+    """Returns jaxkin's own words; what a parser has to say is for the cause of an exception, not for a sentence."""
+    return str(error) if isinstance(error, Contradiction) else otherwise
 
 
 def lay_out(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> None:
@@ -104,11 +114,8 @@ def lay_out(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> 
             dimension_names=result.variable_dims(variable, plan.grid),
             attributes=result.variable_attrs(variable),
         )
-    for name, (dims, values, axis_attrs) in result.axis_coordinates(plan.grid).items():
-        array = group.create_array(
-            name, shape=values.shape, dtype="float64", dimension_names=dims, attributes=axis_attrs
-        )
-        array[...] = values
+    for name, coordinate in result.axis_coordinates(plan.grid).items():
+        write_coordinate(group, name, coordinate)
 
 
 def compressors(dtype: np.dtype) -> list[Any]:
@@ -124,9 +131,10 @@ def compressors(dtype: np.dtype) -> list[Any]:
 
 def damaged_store(path: Path, error: Exception) -> StoreError:
     """Returns the one answer to whatever Zarr meets in damaged files."""
-    reason = " ".join(str(error).split())[:200] or type(error).__name__
+    reason = _plainly(error, "an array of it, or what describes one, cannot be read")
     return StoreError(
-        f"{path} is a damaged jaxkin store ({reason}): move it away, or replace it with overwrite=True (--force)."
+        f"{path} is a damaged jaxkin store ({reason}): move it away, or make it anew by the same request with "
+        f"{given('overwrite=True')}."
     )
 
 
@@ -139,12 +147,14 @@ def check_request(path: Path, request: Request, manifest: Manifest) -> None:
     if manifest.request != json.loads(request.text):
         raise StoreError(
             f"{path} was made by another request ({request.difference(manifest.request)}): choose another store, or "
-            "replace it with overwrite=True (--force)."
+            f"replace it with {given('overwrite=True')}."
         )
 
 
 def check_layout(path: Path, plan: Plan, manifest: Manifest) -> None:
-    """Raises unless the store has every array as it was laid out, and its coordinates.
+    """Raises unless the store has every array of the field as it was laid out.
+
+    Not so its coordinates: they follow from the request, and are written anew where they are damaged.
 
     Raises:
         StoreError: It is damaged, or was laid out by another version.
@@ -152,7 +162,7 @@ def check_layout(path: Path, plan: Plan, manifest: Manifest) -> None:
     if manifest.layout != plan.layout():
         raise StoreError(
             f"{path} was laid out by another version of jaxkin (tiles of {manifest.layout.get('tile')} there and "
-            f"{plan.layout()['tile']} here): finish it with that version, or replace it with overwrite=True (--force)."
+            f"{plan.layout()['tile']} here): finish it with that version, or replace it with {given('overwrite=True')}."
         )
     try:
         group = zarr.open_group(path, mode="r")
@@ -161,12 +171,9 @@ def check_layout(path: Path, plan: Plan, manifest: Manifest) -> None:
             shape, shards = (*variable.lead, *plan.grid.shape), (*variable.lead, *plan.tile)
             expected = shape, shards, np.dtype(variable.dtype)
             if not isinstance(array, zarr.Array) or (array.shape, array.shards, array.dtype) != expected:
-                raise ValueError(f"the array {variable.name!r} has another layout")
-        for name, (_, values, _) in result.axis_coordinates(plan.grid).items():
-            if not np.array_equal(np.asarray(group[name][...]), values):  # type: ignore[index]
-                raise ValueError(f"the coordinates {name!r} are not those of the request")
+                raise Contradiction(f"the array {variable.name!r} has another layout")
         if manifest.tiles != plan.tiles:
-            raise ValueError("its number of tiles is another")
+            raise Contradiction("its number of tiles is another")
     except Exception as error:
         raise damaged_store(path, error) from error
 
@@ -181,7 +188,7 @@ def check_environment(path: Path, manifest: Manifest) -> None:
     if here != manifest.environment:
         raise StoreError(
             f"{path} was begun with {difference(here, manifest.environment)}, and may be rounded otherwise: go on "
-            "with what it was begun with, or replace it with overwrite=True (--force)."
+            f"with what it was begun with, or replace it with {given('overwrite=True')}."
         )
 
 

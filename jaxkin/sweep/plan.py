@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.words import given
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid
 
@@ -58,7 +59,7 @@ class Plan:
     @property
     def counts(self) -> tuple[int, ...]:
         """Number of tiles along each free axis."""
-        return tuple(math.ceil(n / t) for n, t in zip(self.grid.shape, self.tile, strict=True))
+        return tile_counts(self.grid.shape, self.tile)
 
     @property
     def tiles(self) -> int:
@@ -71,12 +72,9 @@ class Plan:
         return _bytes(self.variables)
 
     def box(self, number: int) -> Box:
-        """Returns the samples of a tile, row by row."""
-        sides = []
-        for length, side in zip(reversed(self.grid.shape), reversed(self.tile), strict=True):
-            number, place = divmod(number, math.ceil(length / side))
-            sides.append(slice(place * side, min((place + 1) * side, length)))
-        return tuple(reversed(sides))
+        """Returns the samples of a tile."""
+        sides = zip(tile_place(number, self.counts), self.tile, self.grid.shape, strict=True)
+        return tuple(slice(place * side, min((place + 1) * side, length)) for place, side, length in sides)
 
     def samples(self, number: int) -> int:
         """Returns how many samples a tile has."""
@@ -123,10 +121,21 @@ def check_precision(field: Field, precision: str) -> None:
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}: it must be 'float64' or 'float32'.")
     if precision == "float32" and not field.single:
+        what, remedy = given("precision is 'float32'"), given("use 'float64'")
         raise InputError(
-            f"precision is 'float32', which cannot tell close solutions of {field.name!r} apart: use 'float64', or a "
-            "field that measures one pose, such as 'inverse_branches' or 'smallest_singular_value'."
+            f"{what}, which cannot tell close solutions of {field.name!r} apart: {remedy}, or sweep a field that "
+            "measures one pose, such as 'inverse_branches' or 'smallest_singular_value'."
         )
+
+
+def tile_counts(shape: tuple[int, ...], tile: tuple[int, ...]) -> tuple[int, ...]:
+    """Returns the number of tiles along each axis."""
+    return tuple(math.ceil(n / t) for n, t in zip(shape, tile, strict=True))
+
+
+def tile_place(number: int, counts: tuple[int, ...]) -> tuple[int, ...]:
+    """Returns the place of a tile among the tiles along each axis; they are numbered row by row."""
+    return tuple(int(k) for k in np.unravel_index(number, counts))
 
 
 def boxes(shape: tuple[int, ...], step: tuple[int, ...], origin: tuple[int, ...]) -> Iterator[Box]:

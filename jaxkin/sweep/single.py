@@ -4,13 +4,12 @@ import json
 from functools import partial
 from typing import Any
 
-import jax
 import numpy as np
-from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.plan import Plan
+from jaxkin.sweep.scattered import scattered_values
 from jaxkin.sweep.tiler import computing_in, in_precision
 
 #: Samples that are compared, at places that hang on nothing but the grid.
@@ -41,14 +40,9 @@ def single_error(robot: Mechanism, plan: Plan) -> dict[str, str]:
 def _values(robot: Mechanism, field: Field, coordinates: list[np.ndarray], precision: str) -> tuple[np.ndarray, ...]:
     with computing_in(precision):
         given = tuple(each.astype(precision) for each in coordinates)
-        return field.unpack(tuple(np.asarray(a) for a in _scattered(in_precision(robot, precision), given, field)))
-
-
-@partial(jax.jit, static_argnames="field")
-def _scattered(robot: Mechanism, coordinates: tuple[Array, ...], field: Field) -> tuple[Array, ...]:
-    values = field.kernel(robot, coordinates)
-    shape = coordinates[0].shape
-    return tuple(jax.numpy.broadcast_to(v, v.shape[: max(0, v.ndim - 1)] + shape) for v in values)
+        return field.unpack(
+            tuple(np.asarray(a) for a in scattered_values(in_precision(robot, precision), given, field, _SAMPLES))
+        )
 
 
 def _by_variable(plan: Plan, arrays: tuple[np.ndarray, ...]) -> list[np.ndarray]:

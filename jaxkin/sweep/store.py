@@ -16,8 +16,11 @@ import zarr
 
 from jaxkin.core.errors import StoreError
 from jaxkin.core.provenance import Request
+from jaxkin.core.words import given
 from jaxkin.sweep import result
+from jaxkin.sweep.coordinates import mend_coordinates
 from jaxkin.sweep.journal import Journal, checksum
+from jaxkin.sweep.lock import aside, being_written, let_go, locked, not_writable, taken
 from jaxkin.sweep.manifest import (
     JOURNAL,
     RUN_LOG,
@@ -30,15 +33,12 @@ from jaxkin.sweep.manifest import (
     read_manifest,
     tile_file,
 )
-from jaxkin.sweep.plan import Plan, extent
+from jaxkin.sweep.plan import Plan, extent, tile_place
 from jaxkin.sweep.progress import Progress
+from jaxkin.sweep.stored import journal_of
 
 #: What Zarr leaves of a file that it did not finish.
 _TORN = f"*.{'[0-9a-f]' * 32}.partial"
-
-
-#: How often a lock is tried that others let go of at the same moment.
-_TRIES = 5
 
 
 class TileWriter:
@@ -69,7 +69,7 @@ class TileWriter:
 
     def files(self, number: int) -> list[Path]:
         """Returns the file of a tile in each variable."""
-        place = np.unravel_index(number, self._plan.counts)
+        place = tile_place(number, self._plan.counts)
         return [tile_file(self.path, v.name, len(v.lead), place) for v in self._plan.variables]
 
 
@@ -86,6 +86,8 @@ class Store:
             self.damaged = self._journal.damaged(lambda number: bar.add(plan.samples(number)))
         self.done = self._journal.done()
         self.done[self.damaged] = False
+        #: Axes whose coordinates were damaged, and are written anew.
+        self.mended: list[str] = []
 
     @classmethod
     def open(
@@ -115,7 +117,7 @@ class Store:
         # The folder itself is moved where it is replaced, not a link to it.
         path = path.resolve() if path.is_symlink() else path
         _check_ours(path)
-        lock = _locked(path)
+        lock = locked(path)
         try:
             _mend_swap(path)
             # Only now, since another process may have replaced it until the lock was ours.
@@ -123,8 +125,7 @@ class Store:
             if there is None or overwrite:
                 _make(path, request, plan, attrs)
                 return cls(path, plan, lock)
-            check_request(path, request, there)
-            check_layout(path, plan, there)
+            _check_same(path, request, plan, there)
             store = cls(path, plan, lock, show)
             if not store.done.all():
                 check_environment(path, there)
@@ -132,12 +133,13 @@ class Store:
             store._tidy()
             return store
         except BaseException:
-            _let_go(lock)
+            let_go(lock)
             raise
 
     def _tidy(self) -> None:
-        """Removes what an earlier process left, and takes damaged tiles out of the journal."""
+        """Removes what an earlier process left, mends coordinates, and takes damaged tiles out of the journal."""
         with storage_errors(self.path):
+            self.mended = mend_coordinates(self.path, self._plan.grid)
             for variable in self._plan.variables:
                 for torn in (self.path / variable.name).rglob(_TORN):
                     torn.unlink(missing_ok=True)
@@ -171,7 +173,7 @@ class Store:
                     with open(beside(self.path, self._plan.field.name, RUN_LOG), "a") as file:
                         file.write(json.dumps(log) + "\n")
         finally:
-            _let_go(self._lock)
+            let_go(self._lock)
 
 
 @contextlib.contextmanager
@@ -192,13 +194,45 @@ def storage_errors(path: Path) -> Iterator[None]:
         raise told from error
 
 
+def check_store(path: Path, request: Request, plan: Plan, overwrite: bool) -> None:
+    """Makes the checks of ``Store.open`` that can be made without reading tiles; changes nothing.
+
+    Raises:
+        StoreError: As from ``Store.open``.
+    """
+    path = path.resolve() if path.is_symlink() else path
+    there = _check_ours(path)
+    if being_written(path):
+        raise taken(path)
+    if there is not None and not overwrite:
+        _check_same(path, request, plan, there)
+        if len(journal_of(path, there)) < there.tiles:
+            check_environment(path, there)
+    # The lock, and a store that replaces another, are made beside it.
+    needed = (path.absolute().parent, path) if path.is_dir() else (path.absolute().parent,)
+    for folder in needed:
+        there_is = next(place for place in (folder, *folder.parents) if place.exists())
+        if not there_is.is_dir():
+            raise not_writable(path, NotADirectoryError(errno.ENOTDIR, f"{there_is} is no folder"))
+        if not os.access(there_is, os.W_OK | os.X_OK):
+            raise not_writable(path, PermissionError(errno.EACCES, f"no right to write in {there_is}"))
+
+
+def _check_same(path: Path, request: Request, plan: Plan, there: Manifest) -> None:
+    check_request(path, request, there)
+    check_layout(path, plan, there)
+
+
 def _check_ours(path: Path) -> Manifest | None:
     """Returns what the store at a path says of itself, None where nothing is in the way of a new one.
 
     Raises:
         StoreError: Something else is there.
     """
-    return read_manifest(path) if os.path.lexists(path) and not _is_empty_folder(path) else None
+    remedy = (
+        f"move it away or choose another path; jaxkin replaces only stores of its own, with {given('overwrite=True')}"
+    )
+    return read_manifest(path, remedy) if os.path.lexists(path) and not _is_empty_folder(path) else None
 
 
 def _make(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> None:
@@ -207,7 +241,7 @@ def _make(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> No
     Raises:
         StoreError: It cannot be written; what was there is there still.
     """
-    new, old = _aside(path, "new"), _aside(path, "old")
+    new, old = aside(path, "new"), aside(path, "old")
     try:
         lay_out(new, request, plan, attrs)
         # A kill between the two moves leaves the old one aside, from where ``_mend_swap`` takes it back.
@@ -215,7 +249,7 @@ def _make(path: Path, request: Request, plan: Plan, attrs: dict[str, Any]) -> No
             os.rename(path, old)
         os.rename(new, path)
     except OSError as error:
-        raise _not_writable(path, error) from error
+        raise not_writable(path, error) from error
     finally:
         _mend_swap(path)
 
@@ -225,64 +259,12 @@ def _mend_swap(path: Path) -> None:
 
     Only whoever has the lock makes folders of these names, so that whatever is found is a dead process's.
     """
-    new, old = _aside(path, "new"), _aside(path, "old")
+    new, old = aside(path, "new"), aside(path, "old")
     if old.exists() and not path.exists():
         with contextlib.suppress(OSError):
             os.rename(old, path)
     for folder in (new, old):
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _aside(path: Path, what: str) -> Path:
-    """Returns the place beside a store of what helps to make it."""
-    return path.with_name(f".{path.name}.jaxkin-{what}")
-
-
-def _locked(path: Path) -> filelock.BaseFileLock:
-    """Takes the place of a store for this process; the system gives it back when the process dies, however it dies.
-
-    The file lies beside the store, so that a store can be made and replaced under it.
-
-    Raises:
-        StoreError: Another process has it.
-    """
-    file = _aside(path, "lock")
-    for _ in range(_TRIES):
-        lock = filelock.FileLock(file, timeout=0)
-        try:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            file.touch()
-            before = file.stat()
-            lock.acquire()
-            if os.path.samestat(before, file.stat()):
-                return lock
-        except filelock.Timeout:
-            break
-        except FileNotFoundError as error:
-            if not path.parent.is_dir():
-                raise _not_writable(path, error) from error
-        except OSError as error:
-            raise _not_writable(path, error) from error
-        # Whoever had it removed the file when this process had it open already: this lock keeps nobody out.
-        lock.release()
-    raise StoreError(
-        f"{path} is being written by another process: wait for it, then run the same request again, or choose another "
-        "store."
-    )
-
-
-def _not_writable(path: Path, error: OSError) -> StoreError:
-    return StoreError(
-        f"{path} cannot be written ({error.strerror or error}): choose a folder that you may write, on a disk with "
-        "space. What is complete already opens by jk.open_store."
-    )
-
-
-def _let_go(lock: filelock.BaseFileLock) -> None:
-    """Gives a place back, and removes the file while nobody else can have it."""
-    with contextlib.suppress(OSError):  # Windows removes no open file; it stays, and does no harm.
-        os.unlink(lock.lock_file)
-    lock.release()
 
 
 def _is_empty_folder(path: Path) -> bool:

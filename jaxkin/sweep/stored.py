@@ -5,12 +5,22 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
 import zarr
 
-from jaxkin.core.errors import InputError
+from jaxkin.core.errors import InputError, StoreError
+from jaxkin.sweep.coordinates import damaged_coordinates
 from jaxkin.sweep.journal import Journal
-from jaxkin.sweep.manifest import JOURNAL, RUN_LOG, Manifest, beside, damaged_store, read_manifest, tile_file
+from jaxkin.sweep.manifest import (
+    JOURNAL,
+    RUN_LOG,
+    Contradiction,
+    Manifest,
+    beside,
+    damaged_store,
+    read_manifest,
+    tile_file,
+)
+from jaxkin.sweep.plan import tile_counts, tile_place
 
 if TYPE_CHECKING:
     import xarray
@@ -35,11 +45,16 @@ def open_store(path: str | Path, chunks: Any = None) -> "xarray.Dataset":
     manifest = read_manifest(path)
     if not (chunks is None or chunks == "auto" or isinstance(chunks, (int, dict))):
         raise InputError(f"jk.open_store: chunks is {chunks!r}: it must be None, 'auto', a number or a dict of sizes.")
+    wrong = damaged_coordinates(path, manifest.request["grid"])
+    if wrong:
+        raise StoreError(
+            f"{path} has damaged coordinates ({', '.join(wrong)}): run the same request again, which writes them anew."
+        )
     try:
         dataset = xarray.open_zarr(path, chunks=chunks, consolidated=False)
         for name in manifest.variables:
             if name not in dataset:
-                raise ValueError(f"the array {name!r} is gone")
+                raise Contradiction(f"the array {name!r} is gone")
     except Exception as error:
         raise damaged_store(path, error) from error
     for name in ("labels", "tiles", "layout", "environment"):
@@ -54,12 +69,11 @@ def open_store(path: str | Path, chunks: Any = None) -> "xarray.Dataset":
 def journal_of(path: Path, manifest: Manifest) -> Journal:
     """Returns the journal of a store, whatever made it."""
     shapes = {name: zarr.open_array(path / name, mode="r").shape for name in manifest.variables}
-    tile = manifest.layout["tile"]
-    grid = shapes[manifest.field][len(shapes[manifest.field]) - len(tile) :]
-    counts = [-(-n // t) for n, t in zip(grid, tile, strict=True)]
+    tile = tuple(manifest.layout["tile"])
+    counts = tile_counts(shapes[manifest.field][-len(tile) :], tile)
 
     def files(number: int) -> list[Path]:
-        place = np.unravel_index(number, counts)
+        place = tile_place(number, counts)
         return [tile_file(path, name, len(shape) - len(tile), place) for name, shape in shapes.items()]
 
     return Journal(beside(path, manifest.field, JOURNAL), manifest.tiles, files)

@@ -1,4 +1,11 @@
-"""Bytes and seconds as a person says them."""
+"""Numbers of things, bytes, seconds and grids as a person says them."""
+
+from typing import Any
+
+
+def counted(number: int, thing: str) -> str:
+    """Returns a number with the thing that is counted: 1 tile, 2,000 samples."""
+    return f"{number:,} {thing}" if number == 1 else f"{number:,} {thing}s"
 
 
 def bytes_text(count: float) -> str:
@@ -16,3 +23,11 @@ def time_text(seconds: float) -> str:
         if seconds < limit:
             return f"{seconds / unit:.3g} {name}"
     return f"{seconds / 86400:.3g} days"
+
+
+def grid_text(content: dict[str, Any]) -> str:
+    """Says in a few words what a request holds as its grid."""
+    return ", ".join(
+        f"{axis} = {value[0]:g} .. {value[1]:g} ({value[2]})" if isinstance(value, list) else f"{axis} = {value:g}"
+        for axis, value in content.items()
+    )

@@ -11,17 +11,14 @@ from jaxkin.core.provenance import processor_flags
 #: Operations that the compiler writes out itself, whatever the vectors' width. With wide vectors jaxlib 0.10 calls a
 #: ready-made arctangent of eight numbers that takes its argument in another place than it is put: nonsense, without
 #: a warning. So what is not in this list is compiled as ever.
-_PLAIN = frozenset(
-    """
+_PLAIN = """
     abs add add_any and argmax argmin bitcast_convert_type broadcast_in_dim ceil clamp concatenate cond
     convert_element_type copy cos cumsum custom_jvp_call custom_vjp_call div dot_general dynamic_slice
-    dynamic_update_slice eq floor gather ge gt integer_pow iota is_finite jit le lt max min mul ne neg not or pad pjit
-    reduce_and reduce_max reduce_min reduce_or reduce_prod reduce_sum rem reshape rev round rsqrt scan scatter
+    dynamic_update_slice eq floor gather ge gt integer_pow iota is_finite jit le lt max min mul ne neg not or pad
+    pjit reduce_and reduce_max reduce_min reduce_or reduce_prod reduce_sum rem reshape rev round rsqrt scan scatter
     scatter-add select_n shift_left shift_right_arithmetic shift_right_logical sign sin slice sort split sqrt square
     squeeze stack stop_gradient sub tile transpose while xor
-    """.split()
-)
-
+"""
 
 #: The compiler's option; without it jaxlib 0.10 takes vectors of 256 bits.
 WIDE = {"xla_cpu_prefer_vector_width": 512}
@@ -35,7 +32,8 @@ def serve(traced: jax.stages.Traced) -> bool:
 @functools.lru_cache(maxsize=64)
 def _bears_them(program: ClosedJaxpr) -> bool:
     # Kept, for the compiler keeps traces too: the same kernel comes with the same program.
-    return all(name in _PLAIN for name in _operations(program))
+    plain = set(_PLAIN.split())
+    return all(name in plain for name in _operations(program))
 
 
 @functools.cache

@@ -42,7 +42,7 @@ def test_resume_insists_that_there_is_something(run, tmp_path):
 def test_a_dry_run_says_what_it_would_take_and_leaves_nothing(run, tmp_path):
     code, printed, _ = run(*MAP, "--store", tmp_path / "data.zarr", "--dry-run")
     assert code == 0
-    for word in ("2,000 samples in 1 tiles", "result      4 kB", "on the disk", "memory", "time"):
+    for word in ("2,000 samples in 1 tile\n", "result      4 kB", "on the disk", "memory", "time"):
         assert word in printed
     numbers = json.loads(run(*MAP, "--out", tmp_path / "map", "--dry-run", "--json")[1])
     assert numbers["samples"] == 2000
@@ -59,7 +59,7 @@ def test_info_and_verify(run, tmp_path):
     for place in (store, tmp_path / "map"):
         code, printed, _ = run("info", place)
         assert code == 0
-        for word in ("forward_count of rpr3-analytic", "c2=1.0", "rho2 = 1", "2,000, 1 of 1 tiles whole", "4 kB"):
+        for word in ("forward_count of rpr3-analytic", "c2=1.0", "rho2 = 1", "2,000, 1 of 1 tile whole", "4 kB"):
             assert word in printed
         assert run("verify", place)[0] == 0
     info = json.loads(run("info", store, "--json")[1])
@@ -73,6 +73,8 @@ def test_info_and_verify(run, tmp_path):
         "tiles": 1,
         "tiles_done": 0,
         "damaged": [],
+        "damaged_coordinates": [],
+        "writing": False,
         "ok": False,
     }
     for command in ("info", "verify"):
@@ -80,7 +82,34 @@ def test_info_and_verify(run, tmp_path):
             code, _, err = run(command, path)
             assert code == 2
             assert word in err
+            assert "give the path of one that a sweep has written" in err
             assert len(err.splitlines()) == 1
+
+
+def test_a_dry_run_refuses_what_the_run_would_refuse(run, tmp_path):
+    store, other = tmp_path / "data.zarr", [*MAP[:3], "rho2=2", *MAP[4:]]
+    assert run(*MAP, "--store", store)[0] == 0
+    (tmp_path / "folder").mkdir()
+    (tmp_path / "folder" / "thesis.txt").write_text("years of work")
+    before = {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()}
+    huge = ["map", "rpr3-analytic", "--fix", "rho2=1", "--grid", "rho1=0:4:900000", "--grid", "rho3=0:4:900000"]
+    for arguments, words in (
+        ([*other, "--store", store], ["another request", "--force"]),
+        ([*other, "--store", store, "--resume"], ["another request"]),
+        ([*MAP, "--store", tmp_path / "none.zarr", "--resume"], ["--resume has nothing"]),
+        ([*MAP, "--store", tmp_path / "folder"], ["no jaxkin store"]),
+        ([*MAP, "--out", tmp_path / "folder"], ["holds something else"]),
+        ([*MAP, "--store", tmp_path / "folder" / "thesis.txt" / "map.zarr"], ["cannot be written"]),
+        (huge, ["GB", "--store STORE"]),
+    ):
+        told = [run(*arguments, *more) for more in ([], ["--dry-run"])]
+        for code, printed, err in told:
+            assert (code, printed, len(err.splitlines())) == (2, "", 1)
+            for word in words:
+                assert word in err
+    assert run(*MAP, "--store", store, "--dry-run", "--resume")[0] == 0
+    assert run(*other, "--store", store, "--dry-run", "--force")[0] == 0
+    assert {p: p.read_bytes() for p in sorted(tmp_path.rglob("*")) if p.is_file()} == before
 
 
 def test_float32_is_asked_for_and_its_error_told(run, tmp_path):
@@ -95,7 +124,8 @@ def test_float32_is_asked_for_and_its_error_told(run, tmp_path):
     assert "precision" in err
     code, _, err = run(*MAP, "--float32")
     assert code == 2
-    assert "'float32'" in err
+    assert "--float32" in err
+    assert "leave it out" in err
 
 
 def test_a_scheduler_that_is_not_there_is_one_sentence(run, monkeypatch):

@@ -71,8 +71,16 @@ def test_another_grid_takes_the_nearest_labels():
     assert set(np.unique(shifted)) == {-1, 1}
 
 
-# Text has no settled form in Zarr 3.
-@pytest.mark.filterwarnings("ignore:The data type")
+@pytest.mark.parametrize("name", ["inverse_branches", "binding_limit"])
+def test_coordinates_of_text_go_through_a_file_without_a_warning(name, tmp_path):
+    grid = jk.Grid(x=(-3.0, 3.0, 33), y=(-3.0, 3.0, 33), phi=0.4)
+    found = jk.sweep(LIMITED, name, grid, adaptive=jk.Adaptive(probes=100))
+    found.to_zarr(tmp_path / "cells.zarr", consolidated=False)
+    read = jk.AdaptiveSweep.of(xarray.open_zarr(tmp_path / "cells.zarr", consolidated=False, chunks=None))
+    xarray.testing.assert_identical(read.to_dataset().load(), found.to_dataset())
+    assert list(read.axis.values) == ["x", "y"]
+
+
 def test_a_result_goes_through_a_file(tmp_path):
     found = jk.sweep(ROBOT, "forward_count", SECTION, adaptive=True)
     found.to_zarr(tmp_path / "cells.zarr", consolidated=False)
@@ -127,6 +135,8 @@ def test_the_figure_draws_every_cell():
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sign")), ["forward_count", "sign"]),
         (lambda: sweep("forward_count", adaptive=jk.Adaptive(label="sing")), ["'sing'", "'forward_count'"]),
         (lambda: sweep(named("size"), adaptive=True), ["'size'", "another name"]),
+        (lambda: signs("smallest_singular_value"), ["'smallest_singular_value'", "sign", "cannot be negative"]),
+        (lambda: signs("inverse_condition_number"), ["'inverse_condition_number'", "cannot be negative"]),
         (lambda: poses("direct_determinant"), ["real numbers", "jk.Adaptive(label='sign')"]),
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="complex128"), ["complex128", "'bool'"]),
         (lambda: jk.fields.from_function(len, name="n", domain="pose", dtype="what"), ["what", "integer"]),
@@ -155,5 +165,9 @@ def named(name):
     return jk.fields.from_function(lambda robot, q: q[0] > 1, name=name, domain="joints", dtype="bool")
 
 
-def poses(field):
-    return jk.sweep(ROBOT, field, jk.Grid(x=(-1.0, 1.0, 9), y=0.0, phi=(*TURN, 8)), adaptive=True)
+def poses(field, how=True):
+    return jk.sweep(ROBOT, field, jk.Grid(x=(-1.0, 1.0, 9), y=0.0, phi=(*TURN, 8)), adaptive=how)
+
+
+def signs(field):
+    return poses(field, jk.Adaptive(label="sign"))

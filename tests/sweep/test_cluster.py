@@ -109,6 +109,16 @@ def lone_scheduler(tmp_path):
         yield it
 
 
+def test_a_closed_client_is_one_sentence_and_nothing_is_written(two_workers, tmp_path):
+    with connected(two_workers.address) as closed:
+        pass
+    for options in ({}, {"store": tmp_path / "map.zarr"}):
+        with pytest.raises(jk.ClusterError, match="Client that is closed: connect a new one") as caught:
+            jk.sweep(ROBOT, "forward_count", GRID, executor=closed, **options)
+        assert "\n" not in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
 def files(store):
     paths = (p for p in sorted(store.rglob("*")) if p.is_file() and p.name != "run_log.jsonl")
     return {str(p.relative_to(store)): p.read_bytes() for p in paths}

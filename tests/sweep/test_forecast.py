@@ -33,6 +33,18 @@ def test_a_forecast_without_a_store_needs_memory_for_the_result():
     assert held.memory - stored.memory > 3e9
 
 
+def test_a_forecast_refuses_what_no_memory_can_hold():
+    huge = jk.Grid(rho1=(0.0, 4.0, 900_000), rho2=1.0, rho3=(0.0, 4.0, 900_000))
+    with pytest.raises(jk.InputError, match=r"give store=\.\.\., or use fewer samples"):
+        jk.forecast(ROBOT, "forward_count", huge, store=False)
+
+
+def test_a_forecast_counts_one_thing_as_one():
+    one = jk.Forecast(2000, 1, 4000, None, 10**6, 0.1, 0.1, 0.0, 1)
+    assert str(one).startswith("2,000 samples in 1 tile\n")
+    assert "with 1 thread (" in str(one)
+
+
 def test_on_a_cluster_the_longest_part_decides():
     said = jk.Forecast(
         samples=10**9,

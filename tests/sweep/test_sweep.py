@@ -134,6 +134,17 @@ def test_own_field():
     assert data.reach.attrs["units"] == "length"
 
 
+def own(function, name="own", **options):
+    return jk.sweep(ROBOT, jk.fields.from_function(function, name=name, domain="joints", **options), GRID)
+
+
+def test_own_fields_of_whole_numbers_take_whole_numbers_alone():
+    assert own(lambda robot, q: q[0] > 1, dtype="int8").own.dtype == np.int8
+    assert own(lambda robot, q: (q > 1).sum(), dtype="uint8").own.dtype == np.uint8
+    assert own(lambda robot, q: 3, dtype="int8").own.values.max() == 3
+    assert own(lambda robot, q: 3).own.dtype == np.float64
+
+
 @pytest.mark.parametrize(
     ("call", "words"),
     [
@@ -145,6 +156,19 @@ def test_own_field():
         (lambda: jk.sweep(ROBOT.replace(d3=jnp.asarray(0.0)), "forward_count", GRID), ["d3=0", "degenerate"]),
         (lambda: jk.fields.from_function(len, name="n", domain="time"), ["time", "'pose' or 'joints'"]),
         (lambda: jk.fields.from_function(len, name="forward_count", domain="pose"), ["exists"]),
+        (lambda: jk.fields.from_function(len, name="", domain="pose"), ["name of a field is ''", "not empty"]),
+        (lambda: jk.fields.from_function(len, name=" ", domain="pose"), ["name of a field is ' '"]),
+        (lambda: jk.fields.from_function(len, name=["n"], domain="pose"), ["name of a field is ['n']", "text"]),
+        (lambda: jk.fields.from_function(len, name="a/b", domain="pose"), ["'a/b'", "without slashes"]),
+        (lambda: jk.Field("", "pose", tuple, tuple), ["name of a field is ''"]),
+        (lambda: own(lambda robot, q: q[0], name="rho1"), ["variable 'rho1'", "axis", "another name"]),
+        (lambda: own(lambda robot, q: q), ["shape (3,)", "one number", "every entry"]),
+        (lambda: own(lambda robot, q: q[:1]), ["shape (1,)"]),
+        (lambda: own(lambda robot, q: (q[0], q[1])), ["returns tuple", "one number"]),
+        (lambda: own(lambda robot, q: None), ["returns NoneType"]),
+        (lambda: own(lambda robot, q: q[0], dtype="int8"), ["declared as int8", "returns float64", "cut off"]),
+        (lambda: own(lambda robot, q: q[0], dtype="bool"), ["declared as bool", "returns float64"]),
+        (lambda: own(lambda robot, q: q[0] + 1j), ["declared as float64", "returns complex128"]),
     ],
 )
 def test_bad_requests_are_named(call, words):
@@ -152,6 +176,7 @@ def test_bad_requests_are_named(call, words):
         call()
     for word in words:
         assert word in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_an_error_in_a_field_reaches_the_user():
@@ -174,14 +199,6 @@ def _interrupting_field(after: int) -> jk.Field:
 
     base = jk.fields.from_function(lambda robot, q: q[0] + q[2], name="slow_sum", domain="joints")
     return jk.Field(**{**vars(base), "block": lambda robot: 64, "unpack": unpack})
-
-
-@pytest.fixture
-def heeds_ctrl_c():
-    """A process started in the background may have been told to ignore Ctrl-C."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.mark.skipif(not hasattr(os, "kill"), reason="needs POSIX signals")
