@@ -2,6 +2,7 @@
 
 import gc
 import os
+from pathlib import Path
 
 import hypothesis
 import jax
@@ -10,6 +11,12 @@ import pytest
 import jaxkin
 
 jaxkin.enable_x64()
+if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
+    # What one run, or one worker, has compiled serves the next one, and processes that tests start.
+    os.environ["JAX_COMPILATION_CACHE_DIR"] = str(Path(__file__).resolve().parents[1] / ".pytest_cache" / "kernels")
+    jax.config.update("jax_compilation_cache_dir", os.environ["JAX_COMPILATION_CACHE_DIR"])
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.1)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 hypothesis.settings.register_profile("jaxkin", deadline=None, derandomize=True)
 hypothesis.settings.load_profile("jaxkin")
 
@@ -23,11 +30,10 @@ def _memory_maps() -> int:
 
 
 @pytest.fixture(autouse=True, scope="session")
-def _kernel_cache(tmp_path_factory):
-    """The command line moves the cache of this process to its own: to the one there is, or to one of these tests."""
+def _kernel_cache():
+    """The command line moves the cache of this process to its own: to the one there is."""
     with pytest.MonkeyPatch.context() as patch:
-        folder = tmp_path_factory.getbasetemp() / "kernels"
-        patch.setenv("JAXKIN_CACHE_DIR", os.environ.get("JAX_COMPILATION_CACHE_DIR", str(folder)))
+        patch.setenv("JAXKIN_CACHE_DIR", os.environ["JAX_COMPILATION_CACHE_DIR"])
         yield
 
 

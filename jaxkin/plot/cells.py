@@ -13,6 +13,7 @@ from matplotlib.patches import Patch
 
 from jaxkin.core.errors import InputError
 from jaxkin.plot import style
+from jaxkin.plot.labels import SAMPLES, label_places
 from jaxkin.sweep.units import counted
 
 #: Boundary cells, one grid step wide: their colour, and how it is named.
@@ -32,8 +33,8 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
     """Draws the cells of an adaptive sweep over two free axes: where it refined, and what it found.
 
     Numbers of solutions have the colours of ``jk.plot.section``, signs those of determinants, other labels one each.
-    Each is named in its largest cell. Boundary cells, one grid step wide with corners that differ, are black; where the
-    sweep proved cells constant those that are so by samples alone are hatched.
+    Each region is named where it is widest. Boundary cells, one grid step wide with corners that differ, are black;
+    where the sweep proved cells constant those that are so by samples alone are hatched.
 
     Args:
         result: What ``jk.sweep(..., adaptive=True)`` returned; of a field with branches, one of them
@@ -65,19 +66,21 @@ def cells(result: xarray.Dataset, ax: Axes | None = None) -> Axes:
             some = (values == value) & (constant == (2 if proved else 1))
             _draw(ax, low[some], high[some], colour, _UNPROVED if proofs and not proved else None)
         handles.append(Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=text))
-        _name(ax, low, high, (values == value) & (constant > 0), text)
     mixed = constant == 0
     if mixed.any():
         _draw(ax, low[mixed], high[mixed], _BOUNDARY, None)
         handles.append(Patch(facecolor=_BOUNDARY, edgecolor=_BOUNDARY, label="boundary"))
     if proofs and np.any(constant == 1):
         handles.append(Patch(facecolor="white", edgecolor=_EDGE, hatch=_UNPROVED, linewidth=0.3, label="not proved"))
+    named = dict(zip(present.tolist(), texts, strict=True))
+    for x, y, value in _places(low, high, np.where(constant > 0, np.searchsorted(present, values), -1), len(present)):
+        _name(ax, x, y, named[present[value].item()])
     look: dict[str, Any] = {"title": _title(label), "title_fontsize": "small", "fontsize": "small", "frameon": False}
     ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5), **look)
     fixed = {str(n): float(c) for n, c in result.coords.items() if c.ndim == 0 and c.dtype.kind == "f"}
     first = style.in_lines(style.value(name, value) for name, value in fixed.items())
     evaluated, whole = result.attrs["evaluations"], result.attrs["grid_samples"]
-    second = f"{counted(len(values), 'cell')}, {evaluated} of {whole} samples evaluated"
+    second = f"{counted(len(values), 'cell')}, {evaluated:,} of {whole:,} samples evaluated"
     ax.set_title("\n".join(line for line in (first, second) if line), fontsize="medium")
     return ax
 
@@ -109,11 +112,23 @@ def _draw(ax: Axes, low: np.ndarray, high: np.ndarray, colour: str, hatch: str |
     ax.add_collection(some, autolim=False)
 
 
-def _name(ax: Axes, low: np.ndarray, high: np.ndarray, some: np.ndarray, text: str) -> None:
-    """Writes a label into its largest cell, so that colours are not all that tells labels apart."""
-    low, high = low[some], high[some]
-    largest = int(np.argmax(np.prod(high - low, axis=1)))
-    x, y = 0.5 * (low[largest] + high[largest])
+def _places(low: np.ndarray, high: np.ndarray, values: np.ndarray, count: int) -> list[tuple[float, float, int]]:
+    """Returns where the labels 0 .. count - 1 stand: on an image of the cells, of which the smallest may be lost."""
+    start, end = low.min(axis=0), high.max(axis=0)
+    step = (end - start) / SAMPLES
+    x, y = (a + (np.arange(SAMPLES) + 0.5) * s for a, s in zip(start, step, strict=True))
+    image = np.full((SAMPLES, SAMPLES), -1)
+    first, last = (np.ceil((edge - start) / step - 0.5).astype(int) for edge in (low, high))
+    sides = last - first
+    for size in np.unique(sides, axis=0):
+        own = np.flatnonzero((sides == size).all(axis=1))
+        columns, rows = (first[own, k, None] + np.arange(size[k]) for k in (0, 1))
+        image[rows[:, :, None], columns[:, None, :]] = values[own, None, None]
+    return label_places(x, y, image, range(count))
+
+
+def _name(ax: Axes, x: float, y: float, text: str) -> None:
+    """Writes a label, so that colours are not all that tells labels apart."""
     written = ax.text(x, y, text, ha="center", va="center", fontsize="small", clip_on=True)
     written.set_bbox({"facecolor": "white", "alpha": 0.65, "edgecolor": "none", "pad": 1.0})
 

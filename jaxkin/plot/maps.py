@@ -11,18 +11,14 @@ from matplotlib.colors import CenteredNorm, ListedColormap, to_rgb
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from scipy import ndimage
 
 from jaxkin.core.errors import InputError
 from jaxkin.mapping.records import Cusps, SingularCurves
 from jaxkin.plot import loci, style
+from jaxkin.plot.labels import label_places
 
-#: Regions smaller than this share of the picture get no label; the legend still names them.
-_LABEL_SHARE = 0.004
 #: A picture is drawn from at most about twice so many samples a side.
 _MOST_SAMPLES = 2000
-#: Labels are placed on a picture of at most so many samples a side.
-_LABEL_SAMPLES = 400
 #: Categories, told apart by hatching as well where there are more than these; what belongs to none is light grey.
 _CATEGORIES = tuple(style.OKABE_ITO[c] for c in ("sky", "orange", "green", "purple", "yellow", "blue", "vermillion"))
 _HATCHES = (None, "///", "...", "xxx", "---")
@@ -149,8 +145,14 @@ def _chosen(result: xarray.Dataset | xarray.DataArray, variable: str | None, wit
 def _thinned(data: xarray.DataArray) -> xarray.DataArray:
     if data.ndim == 2:
         # No page shows more samples than this, and an image of all would take many times the data's memory.
-        data = data[tuple(slice(None, None, max(1, n // _MOST_SAMPLES)) for n in data.shape)]
+        data = data.isel({dim: _spread(n) for dim, n in data.sizes.items()})
     return data
+
+
+def _spread(count: int) -> slice | np.ndarray:
+    """Returns which samples of an axis a picture shows, the first and the last one among them."""
+    step = count // _MOST_SAMPLES
+    return slice(None) if step < 2 else np.rint(np.linspace(0, count - 1, -(-count // step))).astype(int)
 
 
 def _flags(data: xarray.DataArray) -> dict[int, str]:
@@ -265,9 +267,12 @@ def _image(data: xarray.DataArray, ax: Axes, values: np.ndarray, **options: obje
 
 def _limits(samples: np.ndarray) -> tuple[float, float]:
     """Returns the ends of an axis; a full turn ends one step past its last sample."""
-    step = samples[1] - samples[0]
-    whole = np.isclose(samples[-1] + step - samples[0], 2 * np.pi)
-    return float(samples[0]), float(samples[-1] + (step if whole else 0.0))
+    rest = 2 * np.pi - (samples[-1] - samples[0])
+    # Of a thinned axis only that is known which is left of the turn: less than a step, and no more than a sample.
+    whole = np.isclose(rest, samples[1] - samples[0]) or (
+        len(samples) >= _MOST_SAMPLES and 0 < rest < 1.01 * np.pi / _MOST_SAMPLES
+    )
+    return float(samples[0]), float(samples[-1] + (rest if whole else 0.0))
 
 
 def _regions(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray]) -> None:
@@ -284,9 +289,10 @@ def _regions(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray]) -> None:
         vmin=-0.5,
         vmax=len(present) - 0.5,
     )
-    for x, y, number in _label_places(data, counts, present, lines):
+    x, y = (np.asarray(data[dim]) for dim in data.dims)
+    for column, row, number in label_places(x, y, counts, present, lines):
         if number != missing:
-            ax.text(x, y, str(number), ha="center", va="center", fontsize="medium")
+            ax.text(column, row, str(number), ha="center", va="center", fontsize="medium")
     handles = [
         Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=names[n])
         for n, colour in zip(present, colours, strict=True)
@@ -319,7 +325,7 @@ def _categories(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray], margi
     ]
     if len(named) < len(present):
         handles.append(Patch(facecolor=_NONE, edgecolor="black", linewidth=0.6, label="none"))
-    for column, row, n in _label_places(data, values, named, lines):
+    for column, row, n in label_places(x, y, values, named, lines):
         text = ax.text(column, row, style.words(flags[n]), ha="center", va="center", fontsize="small")
         text.set_bbox({"facecolor": "white", "alpha": 0.65, "edgecolor": "none", "pad": 1.0})
     if outside.any():
@@ -330,31 +336,6 @@ def _categories(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray], margi
     title = str(data.attrs.get("long_name", data.name))
     look: dict[str, Any] = {"title": title, "title_fontsize": "small", "fontsize": "small", "frameon": False}
     ax.legend(handles=handles, loc="center left", bbox_to_anchor=(1.01, 0.5), **look)
-
-
-def _label_places(
-    data: xarray.DataArray, counts: np.ndarray, present: list[int], lines: list[np.ndarray]
-) -> list[tuple[float, float, int]]:
-    """Returns the point farthest from the border, and from all lines, of every region large enough for a label."""
-    step = max(1, -(-max(counts.shape) // _LABEL_SAMPLES))
-    small = counts[::step, ::step]
-    x, y = (np.asarray(data[dim])[::step] for dim in data.dims)
-    places, free = [], np.ones(small.shape, bool)
-    for line in lines:
-        column, row = (np.searchsorted(axis, line[:, k]) for k, axis in enumerate((x, y)))
-        inside = (column < len(x)) & (row < len(y))
-        free[row[inside], column[inside]] = False
-    for number in present:
-        pieces, count = ndimage.label(small == number)  # type: ignore[misc]
-        sizes = np.bincount(pieces.ravel(), minlength=count + 1)
-        for piece in range(1, count + 1):
-            if sizes[piece] < _LABEL_SHARE * small.size:
-                continue
-            # A frame of other samples keeps labels off the edge of the picture.
-            depth = np.asarray(ndimage.distance_transform_edt(np.pad((pieces == piece) & free, 1)))[1:-1, 1:-1]
-            row, column = np.unravel_index(int(np.argmax(depth)), depth.shape)
-            places.append((float(x[column]), float(y[row]), number))
-    return places
 
 
 def _shades(data: xarray.DataArray, ax: Axes) -> None:

@@ -115,7 +115,7 @@ def test_the_figure_draws_every_cell():
         ax = jk.plot.cells(result)
         drawn = sum(len(c.get_paths()) for c in ax.collections)
         assert drawn == result.sizes["cell"]
-        assert str(result.attrs["evaluations"]) in ax.get_title()
+        assert f"{result.attrs['evaluations']:,} of" in ax.get_title()
         plt.close(ax.figure)
 
 
