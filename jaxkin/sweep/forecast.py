@@ -157,8 +157,8 @@ def forecast(
     elif store is not True:
         check_store(Path(store), request, plan, overwrite)
     workers = max(1, min(workers or cores(), plan.tiles))
-    tiler = Tiler(robot, plan)
     started = time.perf_counter()
+    tiler = Tiler(robot, plan)
     first = plan.box(plan.tiles // 2)
     tiler.compute(_piece(first, plan, 0), _room(plan, _piece(first, plan, 0)))
     compiling = time.perf_counter() - started
