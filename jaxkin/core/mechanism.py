@@ -123,6 +123,9 @@ class Mechanism:
     #: Samples of a forward solve that stay in cache together; measured per mechanism.
     forward_block: ClassVar[int] = 4096
 
+    #: Units of those numbers of the geometry that are no lengths.
+    leaf_units: ClassVar[dict[str, str]] = {}
+
     #: Pose angles of which the equations have the period 2 pi although their interval is shorter (Euler angles), ...
     covered: ClassVar[tuple[str, ...]] = ()
     #: ... and the other triple of angles of the same configuration, ``twin(pose) -> pose``.

@@ -210,6 +210,7 @@ class GeneralRPR3(_PlanarRPR3):
         limits: Joint limits.
     """
 
+    leaf_units: ClassVar[dict[str, str]] = {"beta": "rad"}
     id: ClassVar[str] = "rpr3"
     forward_block: ClassVar[int] = 1 << 13
 

@@ -85,6 +85,12 @@ class TLPM(Mechanism):
     max_branches = 2
     forward_block: ClassVar[int] = 1 << 15
     forward_labels: ClassVar[tuple[str, ...]] = ("upper, z > -h", "lower, z < -h")
+    leaf_units: ClassVar[dict[str, str]] = {
+        "limb_angles": "rad",
+        "beta2": "rad",
+        "platform_angles": "rad",
+        "orientation": "1",
+    }
 
     base_radius: Array
     height: Array
