@@ -18,7 +18,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Limits, Mechanism
 
 
-class Place(NamedTuple):
+class LeafPlace(NamedTuple):
     """Where a number stands.
 
     Attributes:
@@ -32,9 +32,9 @@ class Place(NamedTuple):
     entry: int | None
 
 
-def leaf_places(robot: Mechanism) -> dict[str, Place]:
+def leaf_places(robot: Mechanism) -> dict[str, LeafPlace]:
     """Returns the names of a mechanism's numbers and where each stands; whole vectors after their entries."""
-    places: dict[str, Place] = {}
+    places: dict[str, LeafPlace] = {}
     limited = robot.limit_fields()
     for field in fields(robot):  # type: ignore[arg-type]
         if field.metadata.get("static", False):
@@ -42,18 +42,18 @@ def leaf_places(robot: Mechanism) -> dict[str, Place]:
         value = getattr(robot, field.name)
         if isinstance(value, Limits):
             for k, name in enumerate(limited.get(field.name, ())):
-                places[f"{name}_low"] = Place(field.name, "low", k)
-                places[f"{name}_high"] = Place(field.name, "high", k)
+                places[f"{name}_low"] = LeafPlace(field.name, "low", k)
+                places[f"{name}_high"] = LeafPlace(field.name, "high", k)
         elif jnp.ndim(value) == 0:
-            places[field.name] = Place(field.name, "", None)
+            places[field.name] = LeafPlace(field.name, "", None)
         else:
             for k in range(jnp.shape(value)[-1]):
-                places[f"{field.name}[{k}]"] = Place(field.name, "", k)
-            places[field.name] = Place(field.name, "", None)
+                places[f"{field.name}[{k}]"] = LeafPlace(field.name, "", k)
+            places[field.name] = LeafPlace(field.name, "", None)
     return places
 
 
-def checked_leaf(robot: Mechanism, name: str) -> Place:
+def checked_leaf(robot: Mechanism, name: str) -> LeafPlace:
     """Returns where a number stands.
 
     Raises:
@@ -64,7 +64,8 @@ def checked_leaf(robot: Mechanism, name: str) -> Place:
         return places[name]
     close = difflib.get_close_matches(name, places, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else "."
-    raise InputError(f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {', '.join(places)}{hint}")
+    known = ", ".join(places)
+    raise InputError(f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {known}{hint}")
 
 
 def with_leaves(robot: Mechanism, values: Mapping[str, ArrayLike]) -> Mechanism:
