@@ -1,3 +1,4 @@
+from . import design as design
 from . import mechanisms as mechanisms
 from . import plot as plot
 from .core.branches import Branches as Branches

@@ -212,6 +212,10 @@ class Mechanism:
             margins[f"{axis.name}_high"] = limits.high[index] - joints[..., index]
         return margins
 
+    def clearances(self) -> tuple[str, ...]:
+        """Returns the names of those margins that are distances between links; override it where there are some."""
+        return ()
+
     def margin_unit(self, name: str) -> str:
         """Returns the unit of a margin; override it where there are margins besides the joints' limits."""
         units = {axis.name: axis.unit for axis in self.joint_axes}

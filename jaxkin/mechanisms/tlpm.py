@@ -270,6 +270,10 @@ class TLPM(Mechanism):
         """
         return {"z + h": pose[2] + self.height}
 
+    def clearances(self) -> tuple[str, ...]:
+        """Returns the twelve pairs of links that are told apart."""
+        return CLEARANCE_NAMES
+
     def margin_unit(self, name: str) -> str:
         """Returns rad for the wrist angles, mm for all others."""
         return "rad" if name.startswith("theta") else "mm"

@@ -10,6 +10,7 @@ References:
 
 import math
 from collections.abc import Sequence
+from functools import reduce
 from typing import TypeAlias
 
 import jax
@@ -28,12 +29,16 @@ _LEAST = 1e-37
 _LARGEST_UNROLLED = 8
 #: A simple extreme takes five or six steps, one that coincides with two others 40: every step takes 0.6 of the way.
 _MOST_STEPS = 48
+#: Sweeps of Jacobi's rotations of a 3x3 matrix: they end quadratically.
+_SWEEPS = 6
+#: Values closer than this share of the largest are one value: their vectors are not told apart.
+_ALIKE = 1e-9
 
 
 def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     """Returns the smallest and the largest singular value of a square matrix.
 
-    Differentiable where the value is simple and not zero.
+    Differentiable where the value is simple and not zero; at a multiple one see ``_slopes``.
     """
     n = len(rows)
     if n == 1:
@@ -184,16 +189,84 @@ def _of_many(rows: Rows) -> tuple[Array, Array]:
 
 
 def _slopes(primals: tuple[Rows], tangents: tuple[Rows]) -> tuple[Array, Array]:
-    """D sigma = u . dM v, from all singular vectors: derivatives may cost what LAPACK costs, and compile at once."""
-    entries = [entry for row in (*primals[0], *tangents[0]) for entry in row]
+    """D sigma = u . dM v, from all singular vectors.
+
+    Where the extreme is a multiple value it has no derivative; the mean over its vectors is an element of Clarke's
+    generalised gradient, belongs to no basis, and keeps the symmetry of the matrix.
+    """
+    (rows,), (changes,) = primals, tangents
+    if len(rows) == 3:
+        values, slopes = _slopes_of_three(rows, changes)
+    else:
+        values, slopes = _slopes_of_many(rows, changes)
+    least, most = (reduce(pick, values) for pick in (jnp.minimum, jnp.maximum))
+    return _mean_near(values, slopes, least, most), _mean_near(values, slopes, most, most)
+
+
+def _mean_near(values: Sequence[Array], slopes: Sequence[Array], extreme: Array, size: Array) -> Array:
+    near = [jnp.where(jnp.abs(value - extreme) <= _ALIKE * size, 1.0, 0.0) for value in values]
+    return sum(n * slope for n, slope in zip(near, slopes, strict=True)) / sum(near)  # type: ignore[return-value]
+
+
+def _slopes_of_many(rows: Rows, changes: Rows) -> tuple[list[Array], list[Array]]:
+    """By LAPACK: derivatives may cost what it costs, and compile at once."""
+    entries = [entry for row in (*rows, *changes) for entry in row]
     shape = jnp.broadcast_shapes(*(jnp.shape(entry) for entry in entries))
     matrix, change = (
-        small_linalg.stacked(tuple(tuple(jnp.broadcast_to(entry, shape) for entry in row) for row in rows))
-        for rows in (primals[0], tangents[0])
+        small_linalg.stacked(tuple(tuple(jnp.broadcast_to(entry, shape) for entry in row) for row in part))
+        for part in (rows, changes)
     )
-    left, _, right = jnp.linalg.svd(matrix, full_matrices=False)
+    left, values, right = jnp.linalg.svd(matrix, full_matrices=False)
     slopes = jnp.einsum("...ik,...ij,...kj->...k", left, change, right)
-    return slopes[..., -1], slopes[..., 0]
+    return [values[..., k] for k in range(len(rows))], [slopes[..., k] for k in range(len(rows))]
+
+
+def _slopes_of_three(rows: Rows, changes: Rows) -> tuple[list[Array], list[Array]]:
+    """By one-sided Jacobi rotations (Hestenes), elementwise: LAPACK takes many times as long for so small a matrix.
+
+    Columns of M V become orthogonal; they are sigma u. Rotations keep the relative accuracy of small values.
+    """
+    shape = jnp.broadcast_shapes(*(jnp.shape(entry) for row in rows for entry in row))
+    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), _LEAST)
+    m = [[jnp.broadcast_to(rows[i][k] / scale, shape) for i in range(3)] for k in range(3)]
+    one, zero = jnp.ones(shape, m[0][0].dtype), jnp.zeros(shape, m[0][0].dtype)
+    start = (m, [[one if i == k else zero for i in range(3)] for k in range(3)])
+
+    def sweep(_: Array, state: tuple[list[list[Array]], list[list[Array]]]) -> tuple[list, list]:
+        columns, turns = ([list(column) for column in part] for part in state)
+        for a, b in ((0, 1), (0, 2), (1, 2)):
+            cos, sin = _rotation(columns[a], columns[b])
+            for part in (columns, turns):
+                part[a], part[b] = (
+                    [cos * x - sin * y for x, y in zip(part[a], part[b], strict=True)],
+                    [sin * x + cos * y for x, y in zip(part[a], part[b], strict=True)],
+                )
+        return columns, turns
+
+    columns, turns = jax.lax.fori_loop(0, _SWEEPS, sweep, start)
+    lengths = [small_linalg.length(tuple(column)) for column in columns]
+    slopes = []
+    for k, (column, turn) in enumerate(zip(columns, turns, strict=True)):
+        there = lengths[k] > 0
+        # A zero column: its direction is that which the other two leave.
+        across = small_linalg.cross(tuple(columns[k - 2]), tuple(columns[k - 1]))  # type: ignore[arg-type]
+        rest = small_linalg.length(across)
+        size = jnp.where(there, lengths[k], jnp.where(rest > 0, rest, 1.0))
+        left = [jnp.where(there, x, y) / size for x, y in zip(column, across, strict=True)]
+        slopes.append(sum(left[i] * dot(tuple(changes[i]), tuple(turn)) for i in range(3)))  # type: ignore[arg-type]
+    return [scale * length for length in lengths], slopes  # type: ignore[return-value]
+
+
+def _rotation(x: Sequence[Array], y: Sequence[Array]) -> tuple[Array, Array]:
+    """Returns cosine and sine of the smaller turn that makes two columns orthogonal."""
+    skew = sum(a * b for a, b in zip(x, y, strict=True))
+    apart = sum((b - a) * (b + a) for a, b in zip(x, y, strict=True))
+    turned = skew != 0
+    ratio = apart / jnp.where(turned, 2 * skew, 1.0)
+    tangent = jnp.where(ratio < 0, -1.0, 1.0) / (jnp.abs(ratio) + jnp.sqrt(1 + ratio * ratio))
+    tangent = jnp.where(turned, tangent, 0.0)
+    cos = 1 / jnp.sqrt(1 + tangent * tangent)
+    return cos, cos * tangent
 
 
 @_of_three.defjvp

@@ -1,0 +1,14 @@
+from .conditioning import global_conditioning as global_conditioning
+from .conditioning import inverse_condition_number as inverse_condition_number
+from .conditioning import smallest_singular_value as smallest_singular_value
+from .margins import clearance as clearance
+from .margins import limit_margin as limit_margin
+from .margins import needed_stroke as needed_stroke
+from .objective import Measured as Measured
+from .objective import Objective as Objective
+from .objective import Requirement as Requirement
+from .places import Place as Place
+from .places import ball as ball
+from .places import box as box
+from .places import poses as poses
+from .places import reach as reach
