@@ -12,3 +12,6 @@ from .places import ball as ball
 from .places import box as box
 from .places import poses as poses
 from .places import reach as reach
+from .regular import regular_size as regular_size
+from .regular import regular_workspaces as regular_workspaces
+from .regular import singularity_distance as singularity_distance

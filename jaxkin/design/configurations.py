@@ -34,7 +34,7 @@ class Posture:
     @property
     def always_reaches(self) -> bool:
         """True where every pose has joints, limits aside."""
-        return self.legs is None or all(kind == LegKind.LINEAR for kind in self.legs.kinds)
+        return not self.missing
 
     def joints(self, robot: Mechanism, poses: Coordinates) -> tuple[Coordinates, Array]:
         """Returns joints of poses, and how far inside their reach the poses are (dimensionless, negative outside).
@@ -56,10 +56,24 @@ class Posture:
         joints, inside = jax.vmap(one)(rows)
         return tuple(joints[:, k].reshape(shape) for k in range(joints.shape[1])), inside.reshape(shape)
 
-    def of_one(self, robot: Mechanism, pose: Array) -> tuple[Array, Array]:
-        """Returns the joints ``(n_joint,)`` of one pose and how far inside its reach it is."""
-        joints, inside = self.joints(robot, tuple(pose))
-        return jnp.stack(joints), inside
+    @property
+    def missing(self) -> tuple[int, ...]:
+        """The legs that do not reach every pose."""
+        return () if self.legs is None else tuple(k for k, kind in enumerate(self.legs.kinds) if kind != LegKind.LINEAR)
+
+    def reaches(self, robot: Mechanism, pose: Array) -> list[Array]:
+        """Returns how far inside the reach of each leg that may miss it one pose is."""
+        if not self.missing:
+            return []
+        assert self.legs is not None
+        inside = leg_discriminants(robot, self.legs, pose)
+        return [inside[k] / self.sizes[k] for k in self.missing]
+
+    def of_one(self, robot: Mechanism, pose: Array) -> Array:
+        """Returns the joints ``(n_joint,)`` of one pose, where a leg does not reach those at which it comes nearest."""
+        if self.legs is not None:
+            return leg_joints(robot, self.legs, jnp.asarray(self.signs, float), pose)
+        return jnp.stack(self.joints(robot, tuple(pose))[0])
 
 
 def posture_of(who: str, robot: Mechanism, mode: Sequence[int] | None, pose: np.ndarray) -> Posture:
@@ -76,11 +90,25 @@ def posture_of(who: str, robot: Mechanism, mode: Sequence[int] | None, pose: np.
         InputError: There are several working modes and none is chosen, or the joints do not follow leg by leg.
     """
     checked_single(who, robot)
-    if robot.inverse_kernel is not None:
-        if len(robot.inverse_kernel(tuple(jnp.asarray(pose, float)))) == 1:
-            if mode is not None and len(set(mode) | {1, -1}) != 2:
-                raise InputError(f"{who}: mode is {tuple(mode)!r}: it must be one sign, 1 or -1, for each joint.")
-            return Posture(None)
+    if robot.inverse_kernel is not None and len(robot.inverse_kernel(tuple(jnp.asarray(pose, float)))) == 1:
+        if mode is not None:
+            raise InputError(f"{who}: mode is {mode!r}: a {type(robot).__name__} has one working mode; leave it out.")
+        return Posture(None)
+    return _by_legs(who, robot, mode, pose)
+
+
+def legs_posture(robot: Mechanism, posture: Posture, pose: np.ndarray) -> Posture | None:
+    """Returns the same posture leg by leg, from the constraints alone; None where the joints do not follow so.
+
+    Its operations are few, and enclosures of all are known.
+    """
+    if posture.legs is not None:
+        return posture
+    legs = legs_of(robot)
+    return _by_legs("", robot, None, pose) if legs is not None and len(legs.modes) == 1 else None
+
+
+def _by_legs(who: str, robot: Mechanism, mode: Sequence[int] | None, pose: np.ndarray) -> Posture:
     legs = legs_of(robot)
     if legs is None:
         raise InputError(

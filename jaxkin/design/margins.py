@@ -210,7 +210,7 @@ def _finite_margins(who: str, robot: Mechanism, place: Place, mode: Sequence[int
     """Returns the names of the margins that are not infinite in the middle of a place."""
     posture = _posture(who, robot, place, mode)
     pose = jnp.asarray(place.center if place.listed is None else place.listed[0], float)
-    joints, _ = posture.of_one(robot, pose)
+    joints = posture.of_one(robot, pose)
     return tuple(name for name, value in robot.margins(pose, joints).items() if not np.isinf(value))
 
 
