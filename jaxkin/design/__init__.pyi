@@ -1,6 +1,7 @@
 from .conditioning import global_conditioning as global_conditioning
 from .conditioning import inverse_condition_number as inverse_condition_number
 from .conditioning import smallest_singular_value as smallest_singular_value
+from .cusp_place import cusp_distance as cusp_distance
 from .margins import clearance as clearance
 from .margins import limit_margin as limit_margin
 from .margins import needed_stroke as needed_stroke
@@ -15,3 +16,4 @@ from .places import reach as reach
 from .regular import regular_size as regular_size
 from .regular import regular_workspaces as regular_workspaces
 from .regular import singularity_distance as singularity_distance
+from .volumes import workspace_volume as workspace_volume

@@ -254,10 +254,11 @@ def _growth(
         raise InputError(f"{who}: grows is {chosen}: a ball grows in its own axes; leave it out.")
     for name in chosen:
         if name not in free:
-            raise InputError(f"{who}: grows has {name!r}, which is not free in {place}: choose among {', '.join(free)}.")
+            raise InputError(
+                f"{who}: grows has {name!r}, which is not free in {place}: choose among {', '.join(free)}."
+            )
     if not chosen:
         raise InputError(f"{who}: nothing grows: name at least one of {', '.join(free)}.")
     if not (np.isfinite(most) and most > 0):
         raise InputError(f"{who}: most is {most!r}: it must be a positive number.")
     return Growth(place, walls_of(who, robot, place.center, mode, limits), chosen, float(most))
-

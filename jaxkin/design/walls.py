@@ -87,7 +87,9 @@ def walls_of(
     chosen = finite if limits is True else [] if limits is False else list(limits)
     for name in chosen:
         if name not in finite:
-            raise InputError(f"{who}: there is no finite margin {name!r}: choose among {', '.join(finite) or '(none)'}.")
+            raise InputError(
+                f"{who}: there is no finite margin {name!r}: choose among {', '.join(finite) or '(none)'}."
+            )
     return _sized(robot, Walls(posture, factors, tuple(chosen), ()), pose)
 
 

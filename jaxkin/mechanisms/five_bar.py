@@ -26,6 +26,7 @@ from jaxkin.core.errors import GeometryError
 from jaxkin.core.mechanism import Axis, Limits, Mechanism, angle, mechanism, plain
 from jaxkin.core.tracing import is_traced
 from jaxkin.mechanisms._geometry import batch_limits, leaves, vector_leaf
+from jaxkin.numerics.spheres import Shells
 
 Numbers: TypeAlias = ArrayLike | Sequence[Any]
 
@@ -61,6 +62,17 @@ class FiveBar(Mechanism):
     def characteristic_length(self) -> Array:
         """Returns the mean length of cranks and rods."""
         return 0.25 * (jnp.sum(self.proximal, axis=-1) + jnp.sum(self.distal, axis=-1))
+
+    def reach_rings(self, phi: ArrayLike = 0.0) -> Shells:
+        """Returns the rings that the legs reach, each of |l1 - l3| to l1 + l3 about its pivot; the third holds all.
+
+        Limits of the crank angles do not count; there is no angle ``phi``.
+        """
+        del phi
+        zero, far = jnp.zeros_like(self.base), jnp.sum(self.proximal) + jnp.sum(self.distal) + self.base
+        centres = jnp.stack([jnp.stack([zero, zero]), jnp.stack([self.base, zero]), jnp.stack([zero, far])])
+        apart, along = jnp.abs(self.proximal - self.distal), self.proximal + self.distal
+        return Shells(centres, jnp.append(apart, zero), jnp.append(along, 4 * far))
 
     def linkage(self, pose: ArrayLike, joints: ArrayLike) -> tuple[Body, ...]:
         """Returns base line, cranks, rods, joints and the point P of one configuration, for drawing."""

@@ -28,6 +28,7 @@ from jaxkin.mechanisms import _rpr3_analytic, _rpr3_general, rpr3_closed_forms
 from jaxkin.mechanisms._geometry import batch_limits, leaves
 from jaxkin.mechanisms.catalogue import CATALOGUE
 from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.spheres import Shells
 from jaxkin.numerics.trigonometry import cos_sin
 
 Point = tuple[Array, Array]
@@ -60,6 +61,13 @@ class _PlanarRPR3(Mechanism):
         turn = np.array([[np.cos(phi), -np.sin(phi)], [np.sin(phi), np.cos(phi)]])
         own = np.array(self.platform_points(), dtype=float)
         return np.array(self.base_points(), dtype=float), own @ turn.T + (x, y)
+
+    def reach_rings(self, phi: ArrayLike) -> Shells:
+        """Returns the rings between which the leg limits hold B1 at one angle of the platform."""
+        cos, sin = jnp.cos(phi), jnp.sin(phi)
+        pairs = zip(self.base_points(), self.platform_points(), strict=True)
+        centres = [jnp.stack([ax - bx * cos + by * sin, ay - bx * sin - by * cos]) for (ax, ay), (bx, by) in pairs]
+        return Shells(jnp.stack(centres), self.limits.low, self.limits.high)
 
     def _legs(self, x: Array, y: Array, cos: Array, sin: Array) -> list[tuple[Array, Array, Array]]:
         """Returns of each leg both components, and their moment about B1: half the derivative by phi."""
