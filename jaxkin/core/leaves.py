@@ -64,7 +64,9 @@ def checked_leaf(robot: Mechanism, name: str) -> Place:
         return places[name]
     close = difflib.get_close_matches(name, places, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else "."
-    raise InputError(f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {', '.join(places)}{hint}")
+    raise InputError(
+        f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {', '.join(places)}{hint}"
+    )
 
 
 def with_leaves(robot: Mechanism, values: Mapping[str, ArrayLike]) -> Mechanism:

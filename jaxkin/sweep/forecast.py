@@ -22,6 +22,7 @@ from jaxkin.sweep.store import check_store
 from jaxkin.sweep.threads import cores
 from jaxkin.sweep.tiler import Tiler
 from jaxkin.sweep.units import bytes_text, counted, time_text
+from jaxkin.sweep.untraced import SAID
 
 #: Tiles, spread over the grid, of which a piece is computed and written, and the seconds that a piece may take.
 _PROBES, _PATIENCE = 5, 0.3
@@ -43,6 +44,7 @@ class Forecast:
         tile_computing: Seconds of one thread to compute a tile.
         tile_writing: Seconds of one thread to compress and write it, on the disk of the temporary folder.
         workers: Threads that were assumed.
+        one_at_a_time: True where the field cannot be traced, and is computed one design at a time.
     """
 
     samples: int
@@ -54,6 +56,7 @@ class Forecast:
     tile_computing: float
     tile_writing: float
     workers: int
+    one_at_a_time: bool = False
 
     @property
     def seconds(self) -> float:
@@ -89,7 +92,7 @@ class Forecast:
             f"  result      {bytes_text(self.raw_bytes)}{disk}\n"
             f"  memory      about {bytes_text(self.memory)}\n"
             f"  time        about {time_text(self.seconds)} with {counted(self.workers, 'thread')} ({rate:.3g} million "
-            "samples/s)"
+            "samples/s)" + (f"\n  {SAID}" if self.one_at_a_time else "")
         )
 
 
@@ -185,6 +188,7 @@ def forecast(
         tile_computing=computing * a_tile,
         tile_writing=writing * a_tile,
         workers=workers,
+        one_at_a_time=not plan.field.traced,
     )
 
 

@@ -1,6 +1,7 @@
 """A field at scattered samples, as tests of float32 and adaptive sweeps ask for it."""
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -8,10 +9,17 @@ from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep.fields import Field
+from jaxkin.sweep.untraced import design_values
+
+
+def scattered_values(robot: Mechanism, coordinates: tuple[Any, ...], field: Field, count: int) -> tuple[Any, ...]:
+    """Evaluates a field at so many samples; coordinates are vectors, or scalars on fixed axes."""
+    if not field.traced:
+        return design_values(field, robot, coordinates, (count,))
+    return _compiled_values(robot, coordinates, field, count)
 
 
 @partial(jax.jit, static_argnames=("field", "count"))
-def scattered_values(robot: Mechanism, coordinates: tuple[Array, ...], field: Field, count: int) -> tuple[Array, ...]:
-    """Evaluates a field at so many samples; coordinates are vectors, or scalars on fixed axes."""
-    values = field.kernel(robot, coordinates)
+def _compiled_values(robot: Mechanism, coordinates: tuple[Array, ...], field: Field, count: int) -> tuple[Array, ...]:
+    values = field.values(robot, coordinates)
     return tuple(jnp.broadcast_to(value, (*value.shape[: max(0, value.ndim - 1)], count)) for value in values)
