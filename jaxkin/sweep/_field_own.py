@@ -11,11 +11,10 @@ import numpy as np
 from jax import Array
 
 from jaxkin.core.errors import InputError
-from jaxkin.core.leaves import with_leaves
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep._field_catalogue import FIELDS
-from jaxkin.sweep._field_record import Coordinates, Field, Variable, check_name
-from jaxkin.sweep.untraced import check_number, design, refused_variable
+from jaxkin.sweep._field_record import Field, Variable, check_name
+from jaxkin.sweep.designs import BLOCK, check_number, design, each_sample, refused_variable, traced_kernel
 from jaxkin.sweep.walls import Walls
 
 _DOMAINS = ("pose", "joints", "geometry")
@@ -82,7 +81,7 @@ def from_function(
         variables=variables,
         kernel=lambda robot, coordinates: (
             # ``float`` is whichever precision the sweep asks for.
-            _each_sample(
+            each_sample(
                 lambda vector: jnp.asarray(function(robot, vector), float if kind == np.float64 else kind), coordinates
             ),
         ),
@@ -97,14 +96,6 @@ def from_function(
 def _over_designs(function: Callable[[Mechanism], Any], main: Variable, version: str, traced: bool) -> Field:
     """Makes a field over geometries: all samples of a block at once, or one design at a time."""
 
-    def kernel(robot: Mechanism, numbers: dict[str, Array]) -> tuple[Array]:
-        def one(vector: Array) -> Array:
-            made = with_leaves(robot, dict(zip(numbers, vector, strict=True)))
-            value = jnp.asarray(function(made), float if main.dtype == "float64" else main.dtype)
-            return jnp.where(made.geometry_ok(), value, main.missing)
-
-        return (_each_sample(one, tuple(numbers.values())),)
-
     def variables(robot: Mechanism) -> tuple[Variable, ...]:
         try:
             value = jax.eval_shape(function, robot)
@@ -118,7 +109,8 @@ def _over_designs(function: Callable[[Mechanism], Any], main: Variable, version:
         return (main,)
 
     if traced:
-        return Field(main.name, "geometry", variables, kernel, block=lambda robot: 1 << 8, version=version)
+        kernel = traced_kernel(lambda robot: (function(robot),), (main,))
+        return Field(main.name, "geometry", variables, kernel, block=lambda robot: BLOCK, version=version)
     return Field(
         name=main.name,
         domain="geometry",
@@ -163,10 +155,3 @@ def _source(function: Callable[..., Any]) -> str:
         return inspect.getsource(function)
     except (OSError, TypeError):
         return repr(function)
-
-
-def _each_sample(function: Callable[..., Array], *groups: Coordinates) -> Array:
-    """Applies a function of vectors to coordinates given as tuples of broadcastable arrays."""
-    shape = jnp.broadcast_shapes(*(jnp.shape(a) for group in groups for a in group))
-    rows = [jnp.stack([jnp.broadcast_to(a, shape).reshape(-1) for a in group]) for group in groups]
-    return jax.vmap(function, in_axes=1)(*rows).reshape(shape)

@@ -21,11 +21,11 @@ from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep._adaptive_proof import Prover
 from jaxkin.sweep._adaptive_refine import Probes, Refinement
 from jaxkin.sweep._adaptive_samples import Evaluator, Samples
+from jaxkin.sweep.designs import SAID
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
 from jaxkin.sweep.progress import Progress
 from jaxkin.sweep.units import counted
-from jaxkin.sweep.untraced import SAID
 
 if TYPE_CHECKING:
     from jaxkin.sweep._adaptive_result import AdaptiveSweep

@@ -18,6 +18,7 @@ from jaxkin.core.words import given
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields
 from jaxkin.sweep.adaptive import Adaptive, adaptive_options, adaptive_sweep
+from jaxkin.sweep.designs import SAID, refusals
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid, Grid
 from jaxkin.sweep.memory import Memory
@@ -29,7 +30,6 @@ from jaxkin.sweep.stored import open_store
 from jaxkin.sweep.threads import cores, run_in_threads
 from jaxkin.sweep.tiler import Tiler
 from jaxkin.sweep.units import counted
-from jaxkin.sweep.untraced import SAID, refusals
 
 if TYPE_CHECKING:
     import xarray

@@ -13,6 +13,7 @@ import zarr
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep import result
+from jaxkin.sweep.designs import SAID
 from jaxkin.sweep.engine import check_size, check_workers, planned
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import Grid
@@ -22,7 +23,6 @@ from jaxkin.sweep.store import check_store
 from jaxkin.sweep.threads import cores
 from jaxkin.sweep.tiler import Tiler
 from jaxkin.sweep.units import bytes_text, counted, time_text
-from jaxkin.sweep.untraced import SAID
 
 #: Tiles, spread over the grid, of which a piece is computed and written, and the seconds that a piece may take.
 _PROBES, _PATIENCE = 5, 0.3

@@ -8,8 +8,8 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.sweep.designs import design_values
 from jaxkin.sweep.fields import Field
-from jaxkin.sweep.untraced import design_values
 
 
 def scattered_values(robot: Mechanism, coordinates: tuple[Any, ...], field: Field, count: int) -> tuple[Any, ...]:

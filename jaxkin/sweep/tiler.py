@@ -11,9 +11,9 @@ from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep import vectors
+from jaxkin.sweep.designs import design_values
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.plan import Box, Plan, boxes, extent
-from jaxkin.sweep.untraced import design_values
 
 
 def _block_values(

@@ -1,8 +1,16 @@
-"""Fields that JAX cannot trace: one design at a time, in Python. What refuses a design is kept, and told."""
+"""Designs as samples: all of a block at once, or, where JAX cannot trace a field, one at a time in Python.
 
+A traced field has no value where the geometry is degenerate. One that is not traced refuses designs by exceptions, for
+which one variable more says where, and the result how many and why.
+"""
+
+from collections.abc import Callable
 from typing import Any
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
 from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.leaves import with_leaves
@@ -14,6 +22,39 @@ from jaxkin.sweep.grid import BoundGrid
 SAID = "computed one design at a time"
 #: By what a computation refuses a design; anything else ends the sweep.
 _REFUSALS = (GeometryError, InputError)
+#: Designs of one compiled call.
+BLOCK = 1 << 8
+
+
+def traced_kernel(
+    function: Callable[[Mechanism], tuple[Any, ...]], variables: tuple[Variable, ...]
+) -> Callable[[Mechanism, dict[str, Array]], tuple[Array, ...]]:
+    """Returns the kernel of a field over geometries.
+
+    Args:
+        function: A mechanism -> one number for each variable, traceable.
+        variables: Their kinds, and their values where the geometry is degenerate.
+    """
+
+    def kernel(robot: Mechanism, numbers: dict[str, Array]) -> tuple[Array, ...]:
+        def one(vector: Array) -> tuple[Array, ...]:
+            made = with_leaves(robot, dict(zip(numbers, vector, strict=True)))
+            ok = made.geometry_ok()
+            values = zip(variables, function(made), strict=True)
+            return tuple(
+                jnp.where(ok, jnp.asarray(value, v.dtype), jnp.asarray(v.missing, v.dtype)) for v, value in values
+            )
+
+        return each_sample(one, tuple(numbers.values()))
+
+    return kernel
+
+
+def each_sample(function: Callable[..., Any], *groups: tuple[Array, ...]) -> Any:
+    """Applies a function of vectors to coordinates given as tuples of broadcastable arrays."""
+    shape = jnp.broadcast_shapes(*(jnp.shape(a) for group in groups for a in group))
+    rows = [jnp.stack([jnp.broadcast_to(a, shape).reshape(-1) for a in group]) for group in groups]
+    return jax.tree.map(lambda array: array.reshape(shape), jax.vmap(function, in_axes=1)(*rows))
 
 
 def refused_variable(name: str) -> Variable:

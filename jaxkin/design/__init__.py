@@ -1,0 +1,1 @@
+"""Designs: which geometry serves best, and what every geometry of a family does."""
