@@ -12,7 +12,7 @@ from jaxkin.core.mechanism import Mechanism
 from jaxkin.mapping.cusps import cusps
 from jaxkin.mapping.section import checked_grid
 from jaxkin.mapping.workspace import workspace_volume as volume_of
-from jaxkin.sweep.designs import BLOCK, design, refused_variable, traced_kernel
+from jaxkin.sweep.designs import design, refused_variable, traced_kernel
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import Grid, Span
 
@@ -93,7 +93,7 @@ def workspace_volume(branch: str = "upper") -> Field:
         domain="geometry",
         variables=variables,
         kernel=traced_kernel(values, _VOLUMES),
-        block=lambda robot: BLOCK,
+        block=lambda robot: 8,
         version=f"1, {branch}",
     )
 

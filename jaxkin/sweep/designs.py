@@ -22,8 +22,8 @@ from jaxkin.sweep.grid import BoundGrid
 SAID = "computed one design at a time"
 #: By what a computation refuses a design; anything else ends the sweep.
 _REFUSALS = (GeometryError, InputError)
-#: Designs of one compiled call.
-BLOCK = 1 << 8
+#: Designs of one compiled call, where nothing better is known: what is worth an atlas has large temporaries.
+BLOCK = 1 << 6
 
 
 def traced_kernel(
