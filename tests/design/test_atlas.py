@@ -6,7 +6,7 @@ import pytest
 
 import jaxkin as jk
 from jaxkin.design import atlas
-from jaxkin.mapping import cusps as searching
+from jaxkin.mapping import batch
 from jaxkin.mechanisms import rpr3_closed_forms as closed_forms
 
 ROBOT = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
@@ -50,9 +50,9 @@ def test_the_atlas_of_cusps_is_that_of_the_closed_form():
 
 def test_no_kernel_is_made_anew_for_a_design():
     jk.sweep(ROBOT, CUSPS, jk.Grid(c3=(0.0, 0.1, 2)))
-    before = searching.over_points.__globals__["_block"]._cache_size()
+    before = batch._block._cache_size()
     jk.sweep(ROBOT, CUSPS, jk.Grid(c3=(0.2, 0.3, 2)))
-    assert searching.over_points.__globals__["_block"]._cache_size() == before
+    assert batch._block._cache_size() == before
 
 
 def test_designs_that_do_not_reach_the_section_are_refused_not_lost():
