@@ -5,6 +5,8 @@ appears or vanishes: there a cusp edge, rho1^2 = a + 1 on the section, meets the
 rho1^2 = h^2.
 """
 
+import dataclasses
+
 import jax.numpy as jnp
 import numpy as np
 from _common import save, start
@@ -18,9 +20,9 @@ from jaxkin.mechanisms import rpr3_closed_forms
 HIGH = 8.0
 
 
-def family(c3: np.ndarray, d3: np.ndarray) -> "jk.mechanisms.rpr3.AnalyticRPR3":
+def family(c3: np.ndarray, d3: np.ndarray) -> jk.mechanisms.rpr3.AnalyticRPR3:
     robot = jk.mechanisms.rpr3.analytic(c2=1.0, c3=0.0, d3=1.0)
-    return robot.replace(c2=jnp.ones(c3.shape), c3=jnp.asarray(c3), d3=jnp.asarray(d3))
+    return dataclasses.replace(robot, c2=jnp.ones(c3.shape), c3=jnp.asarray(c3), d3=jnp.asarray(d3))
 
 
 def main() -> None:

@@ -250,7 +250,7 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
         return _shares(main, samples)
     if any(dim not in json.loads(dataset.attrs["request"])["grid"] for dim in main.dims):
         return {}  # Branches and limits mix quantities; one range over them would mean nothing.
-    if main.dtype.kind in "iu":
+    if main.dtype.kind in "iu" and main.dtype.itemsize == 1:
         return _tally(main, samples)
     low, high, total, number = np.inf, -np.inf, 0.0, 0
     for piece in _pieces(main):
@@ -266,10 +266,10 @@ def _statistics(dataset: "xarray.Dataset", name: str, samples: int) -> dict[str,
 
 def _tally(main: "xarray.DataArray", samples: int) -> dict[str, Any]:
     """Returns the share of every number that occurs, and of samples without one."""
-    counts, missing = _histogram(main), main.attrs.get("not_computed")
-    found = {str(n): int(counts[n]) for n in counts.nonzero()[0] if n != missing % 256}
+    counts, missing = _histogram(main), int(main.attrs.get("not_computed", -1)) % 256
+    found = {str(n): int(counts[n]) for n in counts.nonzero()[0] if n != missing}
     shares = {n: count / samples for n, count in found.items()}
-    return {"fractions": shares, "counts": found, "none": int(counts[missing % 256]) / samples}
+    return {"fractions": shares, "counts": found, "none": int(counts[missing]) / samples}
 
 
 def _shares(main: "xarray.DataArray", samples: int) -> dict[str, Any]:
