@@ -6,6 +6,7 @@ import click
 
 from jaxkin import __version__
 from jaxkin.cli.analyse import analyse_command
+from jaxkin.cli.atlas import atlas_command
 from jaxkin.cli.map import map_command
 from jaxkin.cli.path import path_command
 from jaxkin.cli.points import forward_command, inverse_command
@@ -50,6 +51,7 @@ def _written(value: float | tuple[float, ...]) -> str:
 cli.add_command(inverse_command)
 cli.add_command(forward_command)
 cli.add_command(map_command)
+cli.add_command(atlas_command)
 cli.add_command(info_command)
 cli.add_command(verify_command)
 cli.add_command(loci_command)

@@ -106,21 +106,22 @@ def robot_of(name: str, changes: tuple[str, ...], limits: tuple[str, ...] = ()) 
     return create(name, **parsed).with_limits(**intervals)
 
 
-def grid_of(fixes: tuple[str, ...], grids: tuple[str, ...]) -> "Grid":
-    """Makes the grid of --fix NAME=VALUE and --grid NAME=LOW:HIGH:N."""
+def grid_of(fixes: tuple[str, ...], grids: tuple[str, ...], fix: str = "--fix", grid: str = "--grid") -> "Grid":
+    """Makes the grid of NAME=VALUE and NAME=LOW:HIGH:N, which are given by options of these names."""
     from jaxkin.sweep.grid import Grid
 
-    axes: dict[str, Any] = {key: number(f"--fix {key}", value) for key, value in pairs("--fix", fixes).items()}
-    for key, value in pairs("--grid", grids).items():
+    axes: dict[str, Any] = {key: number(f"{fix} {key}", value) for key, value in pairs(fix, fixes).items()}
+    for key, value in pairs(grid, grids).items():
         if key in axes:
-            raise InputError(f"The axis {key!r} is given by --fix and --grid: give it once.")
+            given = f"by {fix} and {grid}" if fix != grid else f"by {grid} twice"
+            raise InputError(f"The axis {key!r} is given {given}: give it once.")
         parts = value.split(":")
         if len(parts) != 3:
-            raise InputError(f"--grid {key} is {value!r}: write it as LOW:HIGH:N, for instance {key}=0:4:2000.")
-        low, high = number(f"--grid {key} (low)", parts[0]), number(f"--grid {key} (high)", parts[1])
+            raise InputError(f"{grid} {key} is {value!r}: write it as LOW:HIGH:N, for instance {key}=0:4:2000.")
+        low, high = number(f"{grid} {key} (low)", parts[0]), number(f"{grid} {key} (high)", parts[1])
         try:
             count = int(parts[2])
         except ValueError:
-            raise InputError(f"--grid {key} has n = {parts[2]!r}: the number of samples must be an integer.") from None
+            raise InputError(f"{grid} {key} has n = {parts[2]!r}: the number of samples must be an integer.") from None
         axes[key] = (low, high, count)
     return Grid(**axes)

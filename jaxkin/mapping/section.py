@@ -148,16 +148,7 @@ def bind_section(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> Secti
         GeometryError: The geometry is degenerate, or det dF/dpose vanishes identically.
     """
     checked_single(who, robot)
-    kind, number = _KINDS[free], _NUMBERS[free]
-    if not isinstance(grid, Grid):
-        raise InputError(f"{who} got {grid!r} as its {kind}: pass a jaxkin.Grid with {number} free joint axes.")
-    bound = grid.bind(robot.joint_axes, "joint")
-    if len(bound.free) != free:
-        raise InputError(
-            f"{who}: the {kind} has {len(bound.free)} free joint ax{'is' if len(bound.free) == 1 else 'es'} "
-            f"({', '.join(robot.joint_axes[k].name for k in bound.free)}): a {kind} needs exactly {number}; "
-            f"{'free another axis' if len(bound.free) < free else 'fix the others at numbers'}."
-        )
+    bound = checked_grid(who, robot, grid, free)
     if not bool(np.all(robot.geometry_ok())):
         raise GeometryError(
             f"{who}: the geometry of {robot} is degenerate or not finite; build it with the mechanism's constructor, "
@@ -178,6 +169,25 @@ def bind_section(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> Secti
         )
     _refuse_gimbal_lock(who, section)
     return replace(section, data=_scaled(who, section))
+
+
+def checked_grid(who: str, robot: Mechanism, grid: Grid, free: int = 2) -> BoundGrid:
+    """Fits a grid to a mechanism's joints: what can be said of a section without looking at the geometry.
+
+    Raises:
+        InputError: No grid; an axis is unknown or missing; not exactly ``free`` are free.
+    """
+    kind, number = _KINDS[free], _NUMBERS[free]
+    if not isinstance(grid, Grid):
+        raise InputError(f"{who} got {grid!r} as its {kind}: pass a jaxkin.Grid with {number} free joint axes.")
+    bound = grid.bind(robot.joint_axes, "joint")
+    if len(bound.free) != free:
+        raise InputError(
+            f"{who}: the {kind} has {len(bound.free)} free joint ax{'is' if len(bound.free) == 1 else 'es'} "
+            f"({', '.join(robot.joint_axes[k].name for k in bound.free)}): a {kind} needs exactly {number}; "
+            f"{'free another axis' if len(bound.free) < free else 'fix the others at numbers'}."
+        )
+    return bound
 
 
 def starts_of(bound: BoundGrid) -> int:

@@ -151,7 +151,9 @@ def _looks(label: xarray.DataArray, present: np.ndarray) -> tuple[list[str], lis
         return [style.OKABE_ITO["sky"] if v else "#FFFFFF" for v in present], [
             "true" if v else "false" for v in present
         ]
-    return [_CATEGORIES[k % len(_CATEGORIES)] for k in range(len(present))], [str(int(v)) for v in present]
+    missing = label.attrs.get("not_computed")
+    texts = ["no value" if v == missing else str(int(v)) for v in present]
+    return ["#DDDDDD" if v == missing else style.tally_colour(int(v)) for v in present], texts
 
 
 def _title(label: xarray.DataArray) -> str:

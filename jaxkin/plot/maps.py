@@ -11,6 +11,7 @@ from matplotlib.colors import CenteredNorm, ListedColormap, to_rgb
 from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
 
 from jaxkin.core.errors import InputError
 from jaxkin.mapping.records import Cusps, SingularCurves
@@ -40,12 +41,13 @@ def section(
 ) -> Axes:
     """Draws a map over one or two free axes, with the singular curves and cusps of the section.
 
-    Numbers of solutions are drawn as labelled regions (0 white, uncomputed samples light grey), categories (a variable
-    with ``flag_values`` and ``flag_meanings``, such as ``binding_limit``) as named regions, signed quantities diverging
-    about their zero line, others in viridis. Where the margin that belongs to a category is negative its colour is
-    pale, and the line of margin zero is drawn. Curves of closed forms have their names beside them, others stand in the
-    legend; virtual parts, whose poses are complex, are thin and dashed. What is outside the map's axes is left out, and
-    not counted. The title names what the map is a slice of: the fixed axes, and a branch, limit or coordinate.
+    Numbers of solutions, and other counts, are drawn as labelled regions (0 white, samples without a value light grey),
+    categories (a variable with ``flag_values`` and ``flag_meanings``, such as ``binding_limit``) as named regions,
+    signed quantities diverging about their zero line, others in viridis. Where the margin that belongs to a category is
+    negative its colour is pale, and the line of margin zero is drawn. Curves of closed forms have their names beside
+    them, others stand in the legend; virtual parts, whose poses are complex, are thin and dashed. What is outside the
+    map's axes is left out, and not counted. The title names what the map is a slice of: the fixed axes, and a branch,
+    limit or coordinate; or of what it counts something (the attribute ``of``).
 
     Args:
         result: What ``jk.sweep`` returned; None draws the curves and cusps alone, over their section.
@@ -83,7 +85,7 @@ def section(
     if handles:
         _add_legend(ax, handles)
     lines = [style.in_lines(style.value(name, value) for name, value in fixed.items())]
-    lines += [] if data is None else [",  ".join(_slice(data))]
+    lines += [] if data is None else [",  ".join(_slice(data)), style.words(str(data.attrs.get("of", "")))]
     ax.set_title("\n".join(line for line in lines if line), fontsize="medium")
     return ax
 
@@ -225,6 +227,9 @@ def _line(data: xarray.DataArray, ax: Axes) -> None:
     (dim,) = data.dims
     steps = "steps-mid" if np.issubdtype(data.dtype, np.integer) else "default"
     flags, values = _flags(data), np.asarray(data)
+    if "not_computed" in data.attrs and not flags:
+        values = np.where(values == data.attrs["not_computed"], np.nan, values)
+        ax.yaxis.set_major_locator(MaxNLocator(integer=True))
     if flags:
         # Their numbers mean nothing: those that occur stand at equal distances.
         present, values = np.unique(values, return_inverse=True)
@@ -244,6 +249,7 @@ def _quantity(data: xarray.DataArray) -> str:
         # Of coordinates of several units: that of the chosen one, where that is known.
         units = dict(entry.split(": ", 1) for entry in unit.split(", ") if ": " in entry)
         unit = next((units[str(c.item())] for c in data.coords.values() if c.ndim == 0 and str(c.item()) in units), "")
+    unit = unit.replace("^2", "²").replace("^3", "³")
     text = long_name + (f" ({unit})" if unit not in ("", "1") else "")
     lines = -(-len(text) // _LABEL_WIDTH)
     return textwrap.fill(text, max(len(text) // lines + 6, 12), break_long_words=False)
@@ -279,8 +285,10 @@ def _regions(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray]) -> None:
     counts = np.asarray(data).T
     present = [int(n) for n in np.unique(counts)]
     missing = data.attrs.get("not_computed")
-    names = {n: "not computed" if n == missing else f"{n}" for n in present}
-    colours = ["#DDDDDD" if n == missing else style.count_colour(n) for n in present]
+    solutions = data.name == "forward_count"
+    absent, colour = ("not computed", style.count_colour) if solutions else ("no value", style.tally_colour)
+    names = {n: absent if n == missing else f"{n}" for n in present}
+    colours = ["#DDDDDD" if n == missing else colour(n) for n in present]
     _image(
         data,
         ax,
@@ -297,7 +305,8 @@ def _regions(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray]) -> None:
         Patch(facecolor=colour, edgecolor="black", linewidth=0.6, label=names[n])
         for n, colour in zip(present, colours, strict=True)
     ]
-    ax.legend(handles=handles, title="real solutions", loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
+    title = "real solutions" if solutions else _quantity(data)
+    ax.legend(handles=handles, title=title, loc="center left", bbox_to_anchor=(1.01, 0.5), frameon=False)
 
 
 def _categories(data: xarray.DataArray, ax: Axes, lines: list[np.ndarray], margin: np.ndarray | None) -> None:

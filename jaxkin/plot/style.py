@@ -37,6 +37,12 @@ COUNT_COLOURS = {
 #: Numbers without a colour of their own: odd ones, on singular surfaces.
 OTHER_COUNT = "#777777"
 
+#: Other counts, from 0; beyond the last, and odd numbers of solutions, are grey.
+TALLY_COLOURS = (
+    "#FFFFFF",
+    *(OKABE_ITO[c] for c in ["sky", "green", "orange", "yellow", "purple", "vermillion", "blue"]),
+)
+
 #: Signs of the direct determinant.
 SIGN_COLOURS = {1: OKABE_ITO["blue"], -1: OKABE_ITO["vermillion"], 0: OKABE_ITO["black"]}
 
@@ -48,13 +54,23 @@ def count_colour(number: int) -> str:
     return COUNT_COLOURS.get(number, OTHER_COUNT)
 
 
+def tally_colour(number: int) -> str:
+    """Returns the colour of a count of anything but solutions."""
+    return TALLY_COLOURS[number] if 0 <= number < len(TALLY_COLOURS) else OTHER_COUNT
+
+
 def number(value: float) -> str:
     """Returns a number with three decimals and a proper minus sign."""
     return f"{value + 0.0:.3f}".replace("-", "−")
 
 
 def symbol(name: str) -> str:
-    """Returns an axis name or a short expression as a formula: ``rho1x``, ``R22``, ``z + h``, ``cos(theta)``."""
+    """Returns an axis name or a short expression as a formula: ``rho1x``, ``R22``, ``z + h``, ``cos(theta)``.
+
+    Names that are words stay words: ``base_radius``, ``proximal[0]``, ``rho1_low``.
+    """
+    if "_" in name or "[" in name or (len(name) > 2 and name.isalpha() and name not in _GREEK):
+        return words(name)
     function = re.fullmatch(r"(cos|sin|tan)\((\w+)\)", name)
     if function is not None:
         return rf"$\{function[1]}{symbol(function[2]).strip('$')}$"

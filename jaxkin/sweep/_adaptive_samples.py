@@ -11,7 +11,7 @@ from jaxkin.sweep._adaptive_labels import Labelling
 from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
-from jaxkin.sweep.scattered import scattered_values
+from jaxkin.sweep.scattered import values_at
 
 #: Scattered samples that one call takes: rounds that follow a boundary ask for few, and pay for a whole block.
 BLOCK = 1 << 8
@@ -32,7 +32,7 @@ class Evaluator:
         self._variables = field.variables(robot)
         self._axes = [grid.coordinate(k) for k in range(len(grid.axes))]
         self._block = max(1, min(field.block(robot), BLOCK))
-        self._run = partial(scattered_values, robot, field=field, count=self._block)
+        self._run = partial(values_at, robot, field=field, count=self._block)
 
     def __call__(self, place: np.ndarray) -> dict[str, np.ndarray]:
         """Returns every variable at samples ``(k, d)``, with the samples along the last axis."""

@@ -21,6 +21,7 @@ from jaxkin.sweep._adaptive_lattice import Lattice
 from jaxkin.sweep._adaptive_proof import Prover
 from jaxkin.sweep._adaptive_refine import Probes, Refinement
 from jaxkin.sweep._adaptive_samples import Evaluator, Samples
+from jaxkin.sweep.designs import SAID
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import BoundGrid
 from jaxkin.sweep.progress import Progress
@@ -143,7 +144,11 @@ def adaptive_sweep(
             from jaxkin.sweep._adaptive_result import assemble
 
             log = run_log(seconds=round(time.perf_counter() - started, 3), workers=workers)
-            return assemble(refinement, label, grid, Request(content), probes, json.dumps(log), complete)
+            found = assemble(refinement, label, grid, Request(content), probes, json.dumps(log), complete)
+            if not field.traced:
+                refused = samples.values[field.variables(robot)[-1].name]
+                found.attrs |= {"untraced": SAID, "refused_designs": int(refused.sum())}
+            return found
 
         try:
             refinement.start()

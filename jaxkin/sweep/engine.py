@@ -11,12 +11,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxkin.core.errors import GeometryError, InputError, SweepInterrupted
+from jaxkin.core.leaves import Place, leaf_places
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, identity, run_log
 from jaxkin.core.words import given
 from jaxkin.kinematics.boundary import checked_mechanism
 from jaxkin.sweep import fields
 from jaxkin.sweep.adaptive import Adaptive, adaptive_options, adaptive_sweep
+from jaxkin.sweep.designs import SAID, refusals
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import BoundGrid, Grid
 from jaxkin.sweep.memory import Memory
@@ -54,7 +56,8 @@ def sweep(
     Args:
         robot: The mechanism.
         field: One of ``jk.fields``, its name, or a field of your own from ``jk.fields.from_function``.
-        grid: A ``Grid`` over all axes of the field's space.
+        grid: A ``Grid`` over all axes of the field's space. Of a field over geometries, over any of the mechanism's
+            numbers (``c3``, ``proximal[0]``, ``rho1_low``); those that it does not name stay as they are.
         store: Folder of a Zarr store for results that outlive the process or the memory; the same request
             goes on where it stopped. Without it the result is held in memory.
         overwrite: Replaces a jaxkin store, whatever request made it, and starts anew. Nothing else is ever replaced.
@@ -71,8 +74,10 @@ def sweep(
     Returns:
         An ``xarray.Dataset`` whose main variable bears the field's name: dimensions in the mechanism's order
         of axes, fixed axes as scalar coordinates, units and the request in the attributes. From a store it
-        is opened lazily. An adaptive one is a ``jk.AdaptiveSweep``, a dataset with the dimension ``cell`` and the
-        methods ``to_dense`` and ``measure``.
+        is opened lazily. A field that cannot be traced is computed one design at a time and says so in the attribute
+        ``untraced``; ``refused_designs`` counts those without a value, and ``first_refusal`` gives a reason. An
+        adaptive one is a ``jk.AdaptiveSweep``, a dataset with the dimension ``cell`` and the methods ``to_dense`` and
+        ``measure``.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -93,6 +98,7 @@ def sweep(
     if store is None:
         check_size(plan)
     attrs = single_error(robot, plan) if precision == "float32" else {}
+    attrs |= {} if plan.field.traced else {"untraced": SAID}
     if store is None:
         return _run(robot, plan, request, Memory(plan, request, attrs), workers, executor, progress)
     keeper = Store.open(Path(store), request, plan, attrs, overwrite=overwrite, show=progress)
@@ -118,13 +124,52 @@ def planned(
         )
     if not bool(np.all(robot.geometry_ok())):
         raise GeometryError(f"{robot}: the geometry is degenerate or not finite; build it with its constructor.")
-    bound = grid.bind(field.axes(robot), "joint" if field.domain == "joints" else "pose")
+    bound = bound_grid(robot, field, grid)
+    field = field.over(tuple(axis.name for axis in bound.axes))
     check_precision(field, precision)
     plan = make_plan(robot, field, bound, precision)
     _check_names(plan)
     if plan.tiles > _MOST_TILES or max(bound.shape) > _MOST_ALONG:
         raise InputError(f"The grid has {bound.size:.3g} samples: that is more than one sweep can list; use fewer.")
     return plan, _request(robot, field, bound, plan.variables, precision)
+
+
+def bound_grid(robot: Mechanism, field: Field, grid: Grid) -> BoundGrid:
+    """Fits a grid to the axes of a field: all of a space, or some numbers of the geometry.
+
+    Raises:
+        InputError: The grid does not fit.
+    """
+    places, axes = leaf_places(robot), field.axes(robot)
+    own = {axis.name for axis in axes}
+    for name in grid.axes:
+        if field.domain == "geometry" and name not in own:
+            raise InputError(
+                f"The grid has an axis {name!r}, which is no number of {robot.id or type(robot).__name__}'s geometry, "
+                f"over which {field.name!r} is a field: choose among {', '.join(places)}."
+            )
+        if field.domain != "geometry" and name in places and name not in own:
+            space = "joints" if field.domain == "joints" else "poses"
+            raise InputError(
+                f"The grid has an axis {name!r}, which is a number of the geometry, and {field.name!r} is a field over "
+                f"{space} ({', '.join(axis.name for axis in axes)}): sweep a field over geometries, or change the "
+                "number in the mechanism."
+            )
+    if field.domain != "geometry":
+        return grid.bind(axes, "joint" if field.domain == "joints" else "pose")
+    _check_numbers_once(places, grid)
+    return grid.bind(axes, "geometry", every=False)
+
+
+def _check_numbers_once(places: dict[str, Place], grid: Grid) -> None:
+    """Refuses a grid that names an entry of a vector, and the whole of it."""
+    whole = {places[name].field: name for name in grid.axes if name == places[name].field}
+    for name in grid.axes:
+        if whole.get(places[name].field, name) != name:
+            raise InputError(
+                f"The grid has the axes {whole[places[name].field]!r} and {name!r}, which is an entry of it: leave one "
+                "of them out."
+            )
 
 
 def _check_names(plan: Plan) -> None:
@@ -223,7 +268,7 @@ def _run(
         entries["recomputed_tiles"] = keeper.damaged
         entries["rewritten_coordinates"] = keeper.mended
     worked = bool(len(todo) or entries.get("rewritten_coordinates"))
-    finish = functools.partial(_finish, keeper, worked, started, entries)
+    finish = functools.partial(_finish, robot, plan, keeper, worked, started, entries)
     try:
         if len(todo):
             with Progress(plan.grid.size, plan.field.name, plan.samples_of(keeper.done), show) as bar:
@@ -264,7 +309,11 @@ def _tiles_done(
     return run_in_threads(work, todo.tolist(), workers)
 
 
-def _finish(keeper: Memory | Store, worked: bool, started: float, entries: dict[str, Any]) -> "xarray.Dataset":
+def _finish(
+    robot: Mechanism, plan: Plan, keeper: Memory | Store, worked: bool, started: float, entries: dict[str, Any]
+) -> "xarray.Dataset":
+    if not plan.field.traced:
+        keeper.describe(refusals(plan.field, robot, plan.grid, keeper.values(plan.variables[-1].name)))
     log = run_log(seconds=round(time.perf_counter() - started, 3), **entries)
     keeper.close(log if worked else None)
     return keeper.dataset(log) if isinstance(keeper, Memory) else open_store(keeper.path)

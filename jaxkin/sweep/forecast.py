@@ -13,6 +13,7 @@ import zarr
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep import result
+from jaxkin.sweep.designs import SAID
 from jaxkin.sweep.engine import check_size, check_workers, planned
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.grid import Grid
@@ -43,6 +44,7 @@ class Forecast:
         tile_computing: Seconds of one thread to compute a tile.
         tile_writing: Seconds of one thread to compress and write it, on the disk of the temporary folder.
         workers: Threads that were assumed.
+        one_at_a_time: True where the field cannot be traced, and is computed one design at a time.
     """
 
     samples: int
@@ -54,6 +56,7 @@ class Forecast:
     tile_computing: float
     tile_writing: float
     workers: int
+    one_at_a_time: bool = False
 
     @property
     def seconds(self) -> float:
@@ -89,7 +92,7 @@ class Forecast:
             f"  result      {bytes_text(self.raw_bytes)}{disk}\n"
             f"  memory      about {bytes_text(self.memory)}\n"
             f"  time        about {time_text(self.seconds)} with {counted(self.workers, 'thread')} ({rate:.3g} million "
-            "samples/s)"
+            "samples/s)" + (f"\n  {SAID}" if self.one_at_a_time else "")
         )
 
 
@@ -185,6 +188,7 @@ def forecast(
         tile_computing=computing * a_tile,
         tile_writing=writing * a_tile,
         workers=workers,
+        one_at_a_time=not plan.field.traced,
     )
 
 

@@ -40,18 +40,23 @@ class Grid:
 
     def __repr__(self) -> str:
         """The call that makes this grid."""
-        parts = (
-            f"{name}=({value.low!r}, {value.high!r}, {value.count})" if isinstance(value, Span) else f"{name}={value!r}"
+        values = {
+            name: f"({value.low!r}, {value.high!r}, {value.count})" if isinstance(value, Span) else repr(value)
             for name, value in self.axes.items()
-        )
-        return f"Grid({', '.join(parts)})"
+        }
+        if all(name.isidentifier() for name in values):
+            return f"Grid({', '.join(f'{name}={value}' for name, value in values.items())})"
+        # Entries of vectors, such as proximal[0].
+        return f"Grid(**{{{', '.join(f'{name!r}: {value}' for name, value in values.items())}}})"
 
-    def bind(self, axes: tuple[Axis, ...], space: str) -> "BoundGrid":
+    def bind(self, axes: tuple[Axis, ...], space: str, *, every: bool = True) -> "BoundGrid":
         """Fits the grid to a mechanism's axes.
 
         Args:
             axes: The mechanism's axes of the field's space.
             space: ``"joint"`` or ``"pose"``, for the message.
+            every: False where axes that the grid does not name are left out, as of geometries, whose other numbers
+                stay as they are.
 
         Raises:
             InputError: An axis is unknown or missing, or none is free.
@@ -61,13 +66,14 @@ class Grid:
             if name not in names:
                 raise InputError(f"The grid has an axis {name!r}; the {space} space has {', '.join(names)}. Rename it.")
         for name in names:
-            if name not in self.axes:
+            if every and name not in self.axes:
                 raise InputError(f"The grid lacks the {space} axis {name!r}: give it as {_how()}.")
         if not self.free:
             raise InputError(
                 f"The grid has no free axis: give at least one as {given('(low, high, n)')} with at least 2 samples."
             )
-        return BoundGrid(tuple(axes), tuple(self.axes[name] for name in names))
+        named = tuple(axis for axis in axes if axis.name in self.axes)
+        return BoundGrid(named, tuple(self.axes[axis.name] for axis in named))
 
 
 @dataclass(frozen=True)

@@ -40,9 +40,21 @@ class Memory:
         del arrays
         self.done[number] = True
 
+    def values(self, name: str) -> np.ndarray:
+        """Returns what there is of a variable."""
+        self._mark()
+        return self._arrays[name]
+
+    def describe(self, attrs: dict[str, Any]) -> None:
+        """Adds attributes to the result."""
+        self._attrs |= attrs
+
     def close(self, log: dict[str, Any] | None) -> None:
         """Marks what was not computed."""
         del log
+        self._mark()
+
+    def _mark(self) -> None:
         for number in np.flatnonzero(~self.done).tolist():
             result.mark_missing(self._arrays, self._plan.variables, self._plan.box(number))
 

@@ -101,7 +101,7 @@ def make_plan(robot: Mechanism, field: Field, grid: BoundGrid, precision: str = 
         InputError: The field cannot be computed for this mechanism, or in this precision.
     """
     variables = tuple(_stored(v, precision) for v in field.variables(robot))
-    block = _DEVICE_BLOCK if _on_accelerator() else field.block(robot)
+    block = _DEVICE_BLOCK if field.traced and _on_accelerator() else field.block(robot)
     most = min(_TILE_SAMPLES, _TILE_BYTES // _bytes(variables), _TILE_BLOCKS * block)
     target = max(1, min(most, max(block, grid.size // _TILES_WANTED)))
     run = _RUN_BYTES // np.dtype(variables[0].dtype).itemsize
@@ -120,6 +120,9 @@ def check_precision(field: Field, precision: str) -> None:
     """
     if precision not in PRECISIONS:
         raise InputError(f"precision is {precision!r}: it must be 'float64' or 'float32'.")
+    if precision == "float32" and field.domain == "geometry":
+        what, remedy = given("precision is 'float32'"), given("use 'float64'")
+        raise InputError(f"{what}, in which no design is computed: {remedy}; {field.name!r} needs float64.")
     if precision == "float32" and not field.single:
         what, remedy = given("precision is 'float32'"), given("use 'float64'")
         raise InputError(

@@ -164,6 +164,21 @@ class Store:
             self._journal.add(number, sums)
             self.done[number] = True
 
+    def values(self, name: str) -> np.ndarray:
+        """Returns what there is of a variable."""
+        return np.asarray(zarr.open_array(self.path / name, mode="r")[...])
+
+    def describe(self, attrs: dict[str, Any]) -> None:
+        """Adds attributes to the result.
+
+        Raises:
+            StoreError: They cannot be written.
+        """
+        with storage_errors(self.path):
+            group = zarr.open_group(self.path, mode="r+")
+            if any(group.attrs.get(name) != value for name, value in attrs.items()):
+                group.attrs.update(attrs)
+
     def close(self, log: dict[str, Any] | None) -> None:
         """Puts the journal in order, appends a log of this run, if any, and lets others write."""
         try:

@@ -2,6 +2,7 @@
 
 import contextlib
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +11,7 @@ from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.sweep import vectors
+from jaxkin.sweep.designs import design_values
 from jaxkin.sweep.fields import Field
 from jaxkin.sweep.plan import Box, Plan, boxes, extent
 
@@ -22,11 +24,23 @@ def _block_values(
     shape: tuple[int, ...],
 ) -> tuple[Array, ...]:
     """Evaluates a field on one block; coordinates are vectors on free axes and scalars on fixed ones."""
+    values = field.values(robot, _spread(coordinates, free))
+    return tuple(jnp.broadcast_to(value, value.shape[: max(0, value.ndim - len(shape))] + shape) for value in values)
+
+
+def _spread(coordinates: tuple[Any, ...], free: tuple[int, ...]) -> tuple[Any, ...]:
+    """Returns coordinates of which those of free axes vary along an axis of their own."""
     spread = list(coordinates)
     for place, k in enumerate(free):
         spread[k] = coordinates[k].reshape(tuple(-1 if i == place else 1 for i in range(len(free))))
-    values = field.kernel(robot, tuple(spread))
-    return tuple(jnp.broadcast_to(value, value.shape[: max(0, value.ndim - len(shape))] + shape) for value in values)
+    return tuple(spread)
+
+
+def _untraced_block(
+    robot: Mechanism, coordinates: tuple[np.ndarray, ...], field: Field, free: tuple[int, ...], shape: tuple[int, ...]
+) -> tuple[np.ndarray, ...]:
+    """Does the same one sample after another."""
+    return design_values(field, robot, _spread(coordinates, free), shape)
 
 
 _STATIC = ("field", "free", "shape")
@@ -44,6 +58,9 @@ class Tiler:
             self._robot = jax.device_put(in_precision(robot, plan.precision))
         self._axes = [plan.grid.coordinate(k).astype(plan.precision) for k in range(len(plan.grid.axes))]
         static = {"field": plan.field, "free": plan.grid.free, "shape": plan.block}
+        if not plan.field.traced:
+            self._run = partial(_untraced_block, **static)
+            return
         first = self._coordinates(next(boxes(plan.grid.shape, plan.block, (0,) * len(plan.block))))
         with computing_in(plan.precision):
             wide = vectors.serve(_compiled_block.trace(self._robot, first, **static))

@@ -130,7 +130,7 @@ def test_float32_is_asked_for_and_its_error_told(run, tmp_path):
 
 def test_a_scheduler_that_is_not_there_is_one_sentence(run, monkeypatch):
     pytest.importorskip("distributed")
-    from jaxkin.cli import map as module
+    from jaxkin.cli import dense as module
 
     monkeypatch.setattr(module, "_SECONDS_TO_CONNECT", 0.2)
     for address in ("tcp://127.0.0.1:1", "nonsense"):

@@ -154,7 +154,7 @@ def test_own_fields_of_whole_numbers_take_whole_numbers_alone():
         (lambda: jk.sweep("rpr3", "forward_count", GRID), ["str", "mechanism"]),
         (lambda: jk.sweep(ROBOT, "forward_count", POSES), ["'x'", "rho1, rho2, rho3"]),
         (lambda: jk.sweep(ROBOT.replace(d3=jnp.asarray(0.0)), "forward_count", GRID), ["d3=0", "degenerate"]),
-        (lambda: jk.fields.from_function(len, name="n", domain="time"), ["time", "'pose' or 'joints'"]),
+        (lambda: jk.fields.from_function(len, name="n", domain="time"), ["time", "'pose', 'joints' or 'geometry'"]),
         (lambda: jk.fields.from_function(len, name="forward_count", domain="pose"), ["exists"]),
         (lambda: jk.fields.from_function(len, name="", domain="pose"), ["name of a field is ''", "not empty"]),
         (lambda: jk.fields.from_function(len, name=" ", domain="pose"), ["name of a field is ' '"]),
