@@ -1,3 +1,4 @@
+from . import atlas as atlas
 from .conditioning import global_conditioning as global_conditioning
 from .conditioning import inverse_condition_number as inverse_condition_number
 from .conditioning import smallest_singular_value as smallest_singular_value

@@ -8,7 +8,6 @@ interval, are middle + half sin(s), with dg/ds = 0.
 """
 
 import itertools
-from collections.abc import Callable
 from functools import partial
 from typing import NamedTuple
 
@@ -250,7 +249,10 @@ def _polished(
     """Returns unknowns, size, and whether Newton's method has arrived."""
     start = _with_multiplier(growth, which, robot, center, growth.along(ray, size))
     scale = jnp.where(size > 0, size, 1.0)
-    function: Callable[[Array], Array] = lambda u: growth.conditions(u, (robot, center, which))
+
+    def function(u: Array) -> Array:
+        return growth.conditions(u, (robot, center, which))
+
     unknowns = newton.polish(function, start, steps=_STEPS, trust=0.25 * scale)  # type: ignore[arg-type]
     arrived = jnp.max(jnp.abs(function(unknowns))) <= _ARRIVED
     point = unknowns[:-1] if growth.is_ball else unknowns

@@ -38,8 +38,8 @@ def regular_size(
     """Returns the objective of the largest regular workspace about a pose: without singularities, within limits.
 
     The workspace has the shape of the place and grows about its middle: a box in the axes that grow, or a ball; what is
-    beside the ball keeps its interval. The size is that of the radius (of the first growing axis' half width). Where the
-    middle violates a limit it is negative, the way back to first order.
+    beside the ball keeps its interval. The size is that of the radius (of the first growing axis' half width). Where
+    the middle violates a limit it is negative, the way back to first order.
 
     Args:
         robot: The mechanism, for which the objective is made.
@@ -90,8 +90,8 @@ def regular_size(
         worst=LEAST,
         width=w,
         smoothing=(
-            f"log-sum-exp of width {w:g} over {len(names)} walls, at most {w * np.log(len(names)):.3g} below the nearest "
-            "of them; no smoothing of the distance to each"
+            f"log-sum-exp of width {w:g} over {len(names)} walls, at most {w * np.log(len(names)):.3g} below the "
+            "nearest of them; no smoothing of the distance to each"
         ),
         measure=measured,
         place=place,
