@@ -64,14 +64,8 @@ def checked_leaf(robot: Mechanism, name: str) -> LeafPlace:
         return places[name]
     close = difflib.get_close_matches(name, places, n=1)
     hint = f"; did you mean {close[0]!r}?" if close else "."
-<<<<<<< HEAD
     known = ", ".join(places)
     raise InputError(f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {known}{hint}")
-=======
-    raise InputError(
-        f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {', '.join(places)}{hint}"
-    )
->>>>>>> 6496a97642249bbbaa502ad2a3c0d885ba60ec50
 
 
 def with_leaves(robot: Mechanism, values: Mapping[str, ArrayLike]) -> Mechanism:
