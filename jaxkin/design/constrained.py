@@ -20,6 +20,8 @@ METHODS = ("slsqp", "trust-constr")
 #: Scaled slacks below this are active; Newton's steps on the conditions.
 ACTIVE = 1e-6
 _STEPS = 12
+#: Conditions that hold so well need no Newton's steps.
+_GOOD = 1e-10
 #: How far a multiplier may be negative, or a slack, by rounding.
 _ROUNDING = 1e-9
 
@@ -132,6 +134,9 @@ class Hard:
         start = y.copy()
         start[:p] = np.where(at_bound < 0, 0.0, np.where(at_bound > 0, 1.0, y[:p]))
         first = self._measured(start, active, free, at_bound)
+        if first.residual <= _GOOD:
+            # Second derivatives take long to compile.
+            return first
         best, point, multipliers = first, start.copy(), first.multipliers
         rows = np.zeros(len(slack))
         for _ in range(_STEPS):
