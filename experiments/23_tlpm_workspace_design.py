@@ -1,7 +1,8 @@
 """TLPM with thick links: the largest workspace under a floor of conditioning, where link interference binds too.
 
-Base radius L and height h vary, strokes are +-150 mm, links 40 mm thick. Over all that the strokes reach, the inverse
-condition number has to be at least 0.4 and every pair of links apart. A grid over (L, h) confirms the optimum.
+Base radius L and height h (at most 900 mm) vary, strokes are +-150 mm, links 40 mm thick. Over all that the strokes
+reach, the inverse condition number has to be at least 0.4 and every pair of links apart. A grid over (L, h) confirms
+the optimum.
 """
 
 import jax
@@ -12,7 +13,8 @@ from _common import save, start
 
 import jaxkin as jk
 
-FLOOR, THICK, STROKE, SIDES = 0.4, 40.0, (-150.0, 150.0), (350.0, 1000.0)
+FLOOR, THICK, STROKE = 0.4, 40.0, (-150.0, 150.0)
+RADII, HEIGHTS = (350.0, 1000.0), (350.0, 900.0)
 
 
 def build(base_radius: float, height: float) -> jk.Mechanism:
@@ -27,7 +29,7 @@ def problem() -> jk.design.Problem:
     clearance = jk.design.clearance(robot, everywhere)
     return jk.design.Problem(
         robot,
-        {"base_radius": SIDES, "height": SIDES},
+        {"base_radius": RADII, "height": HEIGHTS},
         maximise=jk.design.workspace_volume(robot),
         subject_to=[conditioning.at_least(FLOOR), clearance.at_least(0.0)],
         build=build,
@@ -37,7 +39,7 @@ def problem() -> jk.design.Problem:
 
 def grid(wanted: jk.design.Problem, n: int) -> tuple[np.ndarray, ...]:
     """Returns base radii, heights, volumes in litres, conditioning and clearance (worst samples)."""
-    radii, heights = np.meshgrid(np.linspace(*SIDES, n), np.linspace(*SIDES, n), indexing="ij")
+    radii, heights = np.meshgrid(np.linspace(*RADII, n), np.linspace(*HEIGHTS, n), indexing="ij")
     objectives = (wanted.objective, *(one.objective for one in wanted.subject_to))
 
     def one(radius: jax.Array, height: jax.Array) -> jax.Array:
@@ -52,10 +54,12 @@ def grid(wanted: jk.design.Problem, n: int) -> tuple[np.ndarray, ...]:
 
 def draw_map(wanted: jk.design.Problem, design: jk.design.Design, axes: plt.Axes) -> None:
     radii, heights, volume, conditioning, clearance = grid(wanted, 41)
-    drawn = axes.contourf(radii, heights, volume / 1e6, 16, cmap="viridis")
-    axes.figure.colorbar(drawn, ax=axes, label="workspace volume (litres)")
     allowed = (conditioning >= FLOOR) & (clearance >= 0)
-    axes.contourf(radii, heights, ~allowed, [0.5, 1.5], colors="white", alpha=0.55)
+    levels = np.arange(26.0, 48.1, 2.0)
+    drawn = axes.contourf(radii, heights, volume / 1e6, levels, cmap="viridis", extend="both")
+    axes.figure.colorbar(drawn, ax=axes, label="workspace volume (litres)")
+    axes.contourf(radii, heights, ~allowed, [0.5, 1.5], colors="0.9", alpha=0.7)
+    axes.plot([], [], "s", color="0.85", ms=9, label="a requirement is missed")
     for values, level, style, label in (
         (conditioning, FLOOR, "-", f"inverse condition number = {FLOOR}"),
         (clearance, 0.0, "--", "link clearance = 0"),
