@@ -68,8 +68,10 @@ def draw_map(wanted: jk.design.Problem, design: jk.design.Design, axes: plt.Axes
         axes.plot([], [], color="black", linestyle=style, label=label)
     best = np.unravel_index(np.argmax(np.where(allowed, volume, -np.inf)), volume.shape)
     print(f"grid: {volume[best] / 1e6:.4f} litres at L = {radii[best]:.2f}, h = {heights[best]:.2f}")
-    axes.plot(radii[best], heights[best], "s", mfc="none", mec="black", ms=9, label="best of the grid")
-    axes.plot(*design.values.values(), "o", color="#D55E00", ms=8, label="optimum by gradients")
+    axes.plot(radii[best], heights[best], "s", mfc="none", mec="black", ms=9, label="best of the grid", clip_on=False)
+    axes.plot(
+        *design.values.values(), "o", color="#D55E00", ms=8, label="optimum by gradients", clip_on=False, zorder=5
+    )
     axes.plot(700, 700, "^", color="#0072B2", ms=8, label="before")
     axes.set(xlabel="base radius L (mm)", ylabel="height h (mm)")
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.14), ncol=2, fontsize=8, frameon=False)
