@@ -55,7 +55,7 @@ def vectorised(objective, robot, moves=True):
 
 
 def sizes_of(function):
-    """What each number is compared with: itself; where it is small, half a radian or a tenth of the mechanism's size."""
+    """What each number is compared with: itself; where that is small, half a radian or a tenth of the mechanism."""
     units = [leaf_unit(function.robot, name) for name in function.names]
     units += [axis.unit for axis in function.robot.pose_axes] if function.center is not None else []
     length = 0.1 * float(function.robot.characteristic_length())
@@ -97,7 +97,8 @@ def assert_gradients(function, values, designs, step=1e-4, relative=1e-6, floor=
     """Asserts every entry of gradients to a share of itself, against central differences of fourth order.
 
     But for the floor: what is exactly zero has no relative accuracy, as the rounding of a difference is that of the
-    value over the step; entries (per size of their number) below the floor times the largest are not told from zero.
+    value over the step. Entries (per size of their number) below it are not told from zero, nor those below a share of
+    the largest entry, as values themselves are right to a few roundings only.
 
     Args:
         function: The objective as a function of one vector.
@@ -105,7 +106,7 @@ def assert_gradients(function, values, designs, step=1e-4, relative=1e-6, floor=
         designs: ``(d, n)``.
         step: Step of the differences as a share of the numbers' sizes.
         relative: The share.
-        floor: The floor.
+        floor: That share.
     """
     designs = np.asarray(designs, float)
     (d, n), sizes = designs.shape, sizes_of(function)
@@ -121,7 +122,8 @@ def assert_gradients(function, values, designs, step=1e-4, relative=1e-6, floor=
     expected = np.einsum("dsn,s->dn", value[d:].reshape(d, 4, n), [1.0, -8.0, 8.0, -1.0]) / (12 * step)
     largest = np.max(np.abs(expected), axis=1, keepdims=True)
     assert np.all(largest > 0)
-    excess = np.abs(found - expected) - relative * np.abs(expected) - floor * largest
+    rounding = 8 * np.finfo(float).eps * np.abs(value[:d, None]) / step
+    excess = np.abs(found - expected) - relative * np.abs(expected) - floor * largest - rounding
     at = np.unravel_index(np.argmax(excess), excess.shape)
     told = f"design {at[0]}, {function.labels[at[1]]}: {found[at]!r}, by differences {expected[at]!r}"
     assert np.all(excess <= 0), f"{told}, of largest {largest[at[0], 0]!r}"

@@ -1,4 +1,4 @@
-"""The proof of a regular workspace: given for a body a little smaller than the largest, never for one a little larger."""
+"""The proof of a regular workspace: given for a body a little smaller than the largest, never for one larger."""
 
 import math
 
@@ -34,13 +34,15 @@ def assert_proofs(robots, place, limits=False):
             assert not proved_free(growth, robot, place.center, larger * size)
 
 
+@pytest.mark.slow
 def test_discs_of_the_general_3_rpr_with_thirty_degrees():
     robots = random_robots(jk.mechanisms.rpr3.general, (2.1, 0.8, 1.7, 0.9, 0.75, 1.1), 3)
     thirty = math.radians(30.0)
-    place = jk.design.ball(robots[0], {"x": 0.9, "y": 0.55}, 0.1, phi=(-thirty, thirty))
+    place = jk.design.ball(robots[0], {"x": -1.0, "y": 2.0}, 0.1, phi=(1.5 - thirty, 1.5 + thirty))
     assert_proofs(robots, place)
 
 
+@pytest.mark.slow
 def test_boxes_of_the_analytic_3_rpr():
     robots = random_robots(jk.mechanisms.rpr3.analytic, (1.0, 0.3, 0.9), 3)
     assert_proofs(robots, jk.design.box(robots[0], x=(0.7, 1.1), y=(0.4, 0.8), phi=(0.1, 0.5)))
@@ -53,7 +55,7 @@ def test_the_orientation_cube_of_the_3_ppps(side):
     growth = Growth(place, walls_of("a test", robot, place.center, None, False), ("phi", "theta", "sigma"), 10.0)
     # sin t is the inverse of the plastic number (see test_objectives_known).
     size = 0.8554675768878
-    for smaller in (0.5, 0.999, 1 - 1e-6):
+    for smaller in (0.999, 1 - 1e-6):
         assert proved_free(growth, robot, place.center, smaller * size)
-    for larger in (1 + 1e-6, 1.001, 1.5):
+    for larger in (1 + 1e-6, 1.001):
         assert not proved_free(growth, robot, place.center, larger * size)
