@@ -169,12 +169,10 @@ QUICK = {
     "conditioning, spectral",
     "conditioning at home, spectral",
     "conditioning at home, Frobenius",
-    "mean conditioning, Frobenius, disc",
     "limit margin",
     "needed stroke",
     "needed stroke, unsmoothed",
     "singularity distance, factors",
-    "area of 3-RPR",
     "area of five-bar",
 }
 
