@@ -9,11 +9,16 @@ from .margins import needed_stroke as needed_stroke
 from .objective import Measured as Measured
 from .objective import Objective as Objective
 from .objective import Requirement as Requirement
+from .optimise import optimise as optimise
+from .outcome import Design as Design
+from .outcome import OptimisationInterrupted as OptimisationInterrupted
 from .places import Place as Place
 from .places import ball as ball
 from .places import box as box
 from .places import poses as poses
 from .places import reach as reach
+from .problem import Parameter as Parameter
+from .problem import Problem as Problem
 from .regular import regular_size as regular_size
 from .regular import regular_workspaces as regular_workspaces
 from .regular import singularity_distance as singularity_distance

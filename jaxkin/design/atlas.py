@@ -4,15 +4,21 @@ A further one is made by ``jk.fields.from_function(..., domain="geometry")``.
 """
 
 import functools
+import json
+import re
 
 import jax
+import jax.numpy as jnp
+from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.provenance import jsonable
+from jaxkin.design.objective import Objective
 from jaxkin.mapping.cusps import cusps
 from jaxkin.mapping.section import checked_grid
 from jaxkin.mapping.workspace import workspace_volume as volume_of
-from jaxkin.sweep.designs import design, refused_variable, traced_kernel
+from jaxkin.sweep.designs import BLOCK, design, refused_variable, traced_kernel
 from jaxkin.sweep.fields import Field, Variable
 from jaxkin.sweep.grid import Grid, Span
 
@@ -95,6 +101,37 @@ def workspace_volume(branch: str = "upper") -> Field:
         kernel=traced_kernel(values, _VOLUMES),
         block=lambda robot: 8,
         version=f"1, {branch}",
+    )
+
+
+def smoothed_objective(objective: Objective, center: ArrayLike | None = None) -> Field:
+    """Returns an objective of ``jk.design``, smoothed as optimisers see it, as a field over geometries.
+
+    NaN where the geometry is degenerate. The field's name is the objective's, with underscores.
+
+    Args:
+        objective: The objective.
+        center: ``(n_pose,)`` the middle of its place, where a design moved it.
+
+    Raises:
+        InputError: It is no objective.
+    """
+    if not isinstance(objective, Objective):
+        raise InputError(f"smoothed_objective got {objective!r}: pass an objective of jaxkin.design.")
+    middle = None if center is None else jnp.asarray(center, float)
+    name = re.sub(r"\W+", "_", objective.name)
+    at = {} if middle is None else {"center": middle.tolist()}
+    variable = Variable(
+        name, "float64", objective.unit, objective.name, attrs={"smoothing": objective.smoothing, **at}
+    )
+    return Field(
+        name=name,
+        domain="geometry",
+        variables=lambda robot: (variable,),
+        kernel=traced_kernel(lambda robot: (objective(robot, middle),), (variable,)),
+        block=lambda robot: BLOCK,
+        # What determines the objective is a part of what determines the numbers.
+        version=f"1, {json.dumps(jsonable(objective.content | at), sort_keys=True)}",
     )
 
 

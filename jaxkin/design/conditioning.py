@@ -47,11 +47,9 @@ def smallest_singular_value(
         InputError: The working mode is not given or unknown, or length or width is no such number.
     """
     who = "jk.design.smallest_singular_value"
-    at, content = _conditioned(who, robot, place, length, mode, "spectral", 0)
-    unit = "1"
-    return worst_case(
-        "smallest singular value", unit, at, place, checked_width(who, width), names=("",), content=content
-    )
+    at, inside, content = _conditioned(who, robot, place, length, mode, "spectral", 0)
+    w, name = checked_width(who, width), "smallest singular value"
+    return worst_case(name, "1", at, place, w, names=("",), content=content, inside=inside)
 
 
 def inverse_condition_number(
@@ -83,9 +81,9 @@ def inverse_condition_number(
         Robotic Mechanical Systems" (condition number in Frobenius norms, characteristic length).
     """
     who = "jk.design.inverse_condition_number"
-    at, content = _conditioned(who, robot, place, length, mode, norm, 1)
-    name = "inverse condition number" + ("" if norm == "spectral" else ", Frobenius")
-    return worst_case(name, "1", at, place, checked_width(who, width), names=("",), content=content)
+    at, inside, content = _conditioned(who, robot, place, length, mode, norm, 1)
+    w, name = checked_width(who, width), "inverse condition number" + ("" if norm == "spectral" else ", Frobenius")
+    return worst_case(name, "1", at, place, w, names=("",), content=content, inside=inside)
 
 
 def global_conditioning(
@@ -118,7 +116,7 @@ def global_conditioning(
         manipulators", Eq. (3).
     """
     who = "jk.design.global_conditioning"
-    at, content = _conditioned(who, robot, place, length, mode, norm, 1)
+    at, _, content = _conditioned(who, robot, place, length, mode, norm, 1)
     mean = partial(_mean, at, place)
     finer = jax.jit(partial(mean, _nodes(place, 2)))
     coarse = jax.jit(partial(mean, _nodes(place, 1)))
@@ -143,8 +141,8 @@ def global_conditioning(
 
 def _conditioned(
     who: str, robot: Mechanism, place: Place, length: float | None, mode: Sequence[int] | None, norm: str, index: int
-) -> tuple[Callable[[Mechanism, Coordinates, Array], Array], dict[str, Any]]:
-    """Returns the function of the pose, and what determines it."""
+) -> tuple[Callable[..., Array], Callable[..., Array] | None, dict[str, Any]]:
+    """Returns the function of the pose, that of the legs' reach if they can miss it, and what determines them."""
     if not isinstance(place, Place):
         raise InputError(f"{who} got {place!r} as its place: make one by jk.design.box, ball, poses or reach.")
     if norm not in _NORMS:
@@ -153,7 +151,7 @@ def _conditioned(
         raise InputError(f"{who}: length is {length!r}: it must be a positive number.")
     posture = posture_of(who, robot, mode, place.center if place.listed is None else place.listed[0])
     at = partial(_at, posture, length, norm, index, place.listed is None)
-    return at, {"length": length, "mode": list(posture.signs), "norm": norm}
+    return at, posture.inside, {"length": length, "mode": list(posture.signs), "norm": norm}
 
 
 def _at(

@@ -1,6 +1,6 @@
 """The joints of prescribed poses in one working mode, past limits and past reach, so that designs can come back."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -35,6 +35,11 @@ class Posture:
     def always_reaches(self) -> bool:
         """True where every pose has joints, limits aside."""
         return not self.missing
+
+    @property
+    def inside(self) -> Callable[[Mechanism, Coordinates], Array] | None:
+        """The function of how far inside the reach poses are; None where every pose is."""
+        return None if self.always_reaches else lambda robot, poses: self.joints(robot, poses)[1]
 
     def joints(self, robot: Mechanism, poses: Coordinates) -> tuple[Coordinates, Array]:
         """Returns joints of poses, and how far inside their reach the poses are (dimensionless, negative outside).

@@ -24,15 +24,25 @@ from jaxkin.numerics import newton
 from jaxkin.numerics.implicit import attach_derivatives
 
 #: Newton's steps from every start, and the residual of what has arrived.
-_STEPS, _ARRIVED = 24, 1e-10
+_STEPS, _ARRIVED = 16, 1e-10
+#: Halvings between two samples of a ray.
+_HALVINGS = 34
 
 
 class Rays(NamedTuple):
-    """How densely contacts are sought: rays, samples along each, and how many of the shortest are polished."""
+    """How densely contacts are sought.
+
+    Attributes:
+        rays: Their number.
+        along: Samples along each.
+        polished: How many of the shortest rays to a wall are polished.
+        walls: For how many of the nearest walls; to those farther away the shortest ray stands.
+    """
 
     rays: int = 256
     along: int = 48
-    polished: int = 24
+    polished: int = 16
+    walls: int = 6
 
 
 class Contact(NamedTuple):
@@ -192,30 +202,44 @@ def _search(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Cont
 
     values = jax.vmap(ray)(directions)
     change = values[:, :-1] * values[:, 1:] <= 0
-    first = jnp.argmax(change, axis=1)
-    met = jnp.any(change, axis=1)
+    first, met = jnp.argmax(change, axis=1), jnp.any(change, axis=1)
+    below, above = (jnp.take_along_axis(values, (first + k)[:, None], axis=1)[:, 0] for k in (0, 1))
+    low, high = sizes[first], sizes[first + 1]
+    share = jnp.abs(below) / jnp.where(change.any(axis=1), jnp.abs(below) + jnp.abs(above) + 1e-300, 1.0)
+    rough = jnp.where(met, low + share * (high - low), jnp.inf)
+
+    def crossing(which: Array, k: Array) -> Array:
+        ends = low[k, which], high[k, which], below[k, which]
+        return jnp.where(met[k, which], _crossing(growth, which, robot, center, directions[k], *ends), growth.most)
+
+    numbers = jnp.arange(values.shape[2])
+    shortest = jnp.argmin(rough, axis=0)
+    ends = jax.vmap(crossing)(numbers, shortest)
+    rays_there = jax.vmap(
+        lambda which, k, t: _with_multiplier(growth, which, robot, center, growth.along(directions[k], t))
+    )(numbers, shortest, ends)
 
     def wall(which: Array) -> tuple[Array, Array, Array]:
-        k, here = first[:, which], met[:, which]
-        low, high = sizes[k], sizes[k + 1]
-        v = jnp.take_along_axis(values[:, :, which], jnp.stack([k, k + 1], axis=1), axis=1)
-        ends = jax.vmap(partial(_crossing, growth, which, robot, center))(directions, low, high, v[:, 0])
-        ends = jnp.where(here, ends, growth.most)
-        best = jnp.argsort(ends)[: rays.polished]
-        polish = jax.vmap(lambda d, t: _polished(growth, which, robot, center, d, t))
-        unknowns, size, arrived = polish(directions[best], ends[best])
-        good = arrived & (size <= ends[best[0]] * (1 + 1e-8)) & here[best[0]] & (size > 0)
-        at = jnp.argmin(jnp.where(good, size, jnp.inf))
-        ray = _with_multiplier(growth, which, robot, center, growth.along(directions[best[0]], ends[best[0]]))
-        any_good = jnp.any(good)
+        best = jnp.argsort(rough[:, which])[: rays.polished]
+        lengths = jax.vmap(partial(crossing, which))(best)
+        polish = jax.vmap(lambda k, t: _polished(growth, which, robot, center, directions[k], t))
+        unknowns, size, arrived = polish(best, lengths)
+        limit = jnp.minimum(jnp.min(lengths), ends[which])
+        good = arrived & (size <= limit * (1 + 1e-8)) & (limit < growth.most) & (size > 0)
+        at, any_good = jnp.argmin(jnp.where(good, size, jnp.inf)), jnp.any(good)
         return (
-            jnp.where(any_good, size[at], ends[best[0]]),
-            jnp.where(any_good, unknowns[at], ray),
+            jnp.where(any_good, size[at], ends[which]),
+            jnp.where(any_good, unknowns[at], rays_there[which]),
             any_good,
         )
 
-    size, unknowns, arrived = jax.lax.map(wall, jnp.arange(values.shape[2]))
-    return Contact(size, unknowns, arrived)
+    nearest = jnp.argsort(ends)[: rays.walls]
+    size, unknowns, arrived = jax.lax.map(wall, nearest)
+    return Contact(
+        ends.at[nearest].set(size),
+        rays_there.at[nearest].set(unknowns),
+        jnp.zeros(len(numbers), bool).at[nearest].set(arrived),
+    )
 
 
 def _crossing(
@@ -229,7 +253,7 @@ def _crossing(
         same = growth.wall(which, robot, center, growth.along(ray, middle)) * at_low > 0
         return jnp.where(same, middle, low), jnp.where(same, high, middle)
 
-    low, high = jax.lax.fori_loop(0, 34, halve, (low, high))
+    low, high = jax.lax.fori_loop(0, _HALVINGS, halve, (low, high))
     return 0.5 * (low + high)
 
 

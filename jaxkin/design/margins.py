@@ -197,6 +197,7 @@ def _margins(
         checked_width(who, width),
         names=chosen,
         content={"margins": list(chosen), "mode": list(posture.signs)},
+        inside=posture.inside,
     )
 
 

@@ -28,6 +28,7 @@ class Measured:
         pose: ``(n_pose,)`` where it is attained, or None.
         part: Which limit, factor or joint attains it, or "".
         evidence: How it was found, in a few words.
+        parameters: ``(d,)`` the place's parameters of the pose, where a sample there would make the objective sharper.
         proved: True where interval arithmetic proves the value up to its error.
     """
 
@@ -36,6 +37,7 @@ class Measured:
     pose: np.ndarray | None = None
     part: str = ""
     evidence: str = ""
+    parameters: np.ndarray | None = None
     proved: bool = False
 
     def __str__(self) -> str:
@@ -62,6 +64,8 @@ class Objective:
         measure: (mechanism, center or None) -> ``Measured``.
         place: The prescribed workspace, if there is one.
         names: Names of the parts by kind, for messages.
+        reach: (mechanism, center or None) -> ``(k,)`` how far inside the legs' reach the samples are, if they can miss.
+        sharper: Returns the same objective with further samples of its place, ``(j, d)`` parameters; None without.
         content: What determines the numbers, for the request.
     """
 
@@ -74,6 +78,8 @@ class Objective:
     measure: Callable[[Mechanism, Array | None], Measured]
     place: Place | None = None
     names: tuple[str, ...] = ()
+    reach: Callable[[Mechanism, Array | None], Array] | None = None
+    sharper: "Callable[[np.ndarray], Objective] | None" = None
     content: dict[str, Any] = field(default_factory=dict)
 
     def __call__(self, robot: Mechanism, center: Array | None = None) -> Array:

@@ -20,7 +20,7 @@ from jaxkin.design.walls import walls_of
 from jaxkin.kinematics.legs import legs_of
 
 #: Rays of the smooth function, and of what is measured after the fact.
-_RAYS, _MORE_RAYS = Rays(), Rays(4096, 96, 192)
+_RAYS, _MORE_RAYS = Rays(), Rays(4096, 96, 128, 8)
 #: A body smaller by this share is what is proved to be free.
 _PROVED_SHARE = 1e-6
 

@@ -30,7 +30,8 @@ def worst_case(
     names: tuple[str, ...],
     worst: str = LEAST,
     content: dict[str, Any] | None = None,
-    note: str = "",
+    inside: Callable[[Mechanism, tuple[Array, ...]], Array] | None = None,
+    further: np.ndarray | None = None,
 ) -> Objective:
     """Makes the objective of the worst value over a place: its parts are the values at the samples.
 
@@ -43,9 +44,10 @@ def worst_case(
         names: Names of the m values.
         worst: ``"least"`` or ``"most"``.
         content: What else determines it.
-        note: What else is smoothed.
+        inside: How far inside the legs' reach poses are, ``(k,)``, where they can miss it.
+        further: ``(j, d)`` parameters of further samples.
     """
-    samples = place.samples()
+    samples = place.samples() if further is None else np.concatenate([place.samples(), further])
 
     def parts(robot: Mechanism, center: Array | None) -> Array:
         return _at_samples(at, place, samples, robot, center)[1].reshape(-1)
@@ -56,6 +58,18 @@ def worst_case(
         f"log-sum-exp of width {width:g} over {count} values at samples of the place, at most "
         f"{width * np.log(count):.3g} {sides[0]} the worst of them, which is {sides[1]} the worst of the place"
     )
+
+    def reach(robot: Mechanism, center: Array | None) -> Array:
+        assert inside is not None
+        poses = place.sampled(robot, center, samples)
+        return inside(robot, tuple(poses[:, k] for k in range(poses.shape[1])))
+
+    def sharper(u: np.ndarray) -> Objective:
+        more = u if further is None else np.concatenate([further, u])
+        return worst_case(
+            name, unit, at, place, width, names=names, worst=worst, content=content, inside=inside, further=more
+        )
+
     search = _Search(at, place, names, worst)
     return Objective(
         name=name,
@@ -63,10 +77,12 @@ def worst_case(
         parts=parts,
         worst=worst,
         width=width,
-        smoothing=smoothing + (f"; {note}" if note else ""),
+        smoothing=smoothing,
         measure=search.measured,
         place=place,
         names=names,
+        reach=None if inside is None else reach,
+        sharper=None if place.listed is not None else sharper,
         content={"objective": name, "place": place.content(), "width": width, **(content or {})},
     )
 
@@ -106,15 +122,15 @@ class _Search:
         best = [divmod(int(k), len(self._names)) for k in np.argsort(values, axis=None)[:_STARTS]]
         sample, part = best[0]
         value, pose, error = float(values[sample, part]), poses[sample], 0.0
-        told = f"the worst of {len(values)} poses"
+        told, at = f"the worst of {len(values)} poses", None
         if self._place.listed is None and np.isfinite(value):
             told = f"polished from the worst {len(best)} of {len(values)} samples"
             for sample, one in best:
                 low, u, rest = self._descended(robot, center, self._u[sample], one)
                 if low < value:
-                    value, error, part = low, rest, one
+                    value, error, part, at = low, rest, one, u
                     pose = np.asarray(self._place.pose(robot, jnp.asarray(u), center))
-        return Measured(self._sign * value, max(error, 1e-14 * abs(value)), pose, self._names[part], told)
+        return Measured(self._sign * value, max(error, 1e-14 * abs(value)), pose, self._names[part], told, at)
 
     def _descended(
         self, robot: Mechanism, center: Array | None, start: np.ndarray, part: int

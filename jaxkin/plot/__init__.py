@@ -22,5 +22,6 @@ __getattr__, __dir__, __all__ = lazy_loader.attach(
         "basic_regions": ["basic_regions"],
         "mode_change": ["mode_change"],
         "animation": ["animate_mode_change"],
+        "designs": ["design_comparison", "design_history", "design_map"],
     },
 )

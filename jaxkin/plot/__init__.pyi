@@ -6,6 +6,9 @@ from .characteristic import characteristic as characteristic
 from .clearances import clearance_limit as clearance_limit
 from .clearances import interference as interference
 from .cusp_curves import cusp_curves as cusp_curves
+from .designs import design_comparison as design_comparison
+from .designs import design_history as design_history
+from .designs import design_map as design_map
 from .folds import folds as folds
 from .maps import section as section
 from .mode_change import mode_change as mode_change

@@ -1,0 +1,72 @@
+"""Proof after the fact: a design judged on the problem without smoothing, and its neighbourhood."""
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxkin.design.functions import Functions
+from jaxkin.design.objective import Measured
+from jaxkin.design.outcome import Kept, Neighbourhood
+
+#: Scaled slack within which a requirement is kept, or active.
+_KEPT, _ACTIVE = 1e-7, 1e-5
+#: A neighbour is better only by more than this share of the objective.
+_BETTER = 1e-7
+
+
+class Verdict(NamedTuple):
+    """What was found: the objective, the requirements, the neighbourhood, and what does not hold."""
+
+    objective: Measured
+    requirements: tuple[Kept, ...]
+    neighbourhood: Neighbourhood | None
+    failures: tuple[str, ...]
+
+
+def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float, seed: int) -> Verdict:
+    """Judges a design without smoothing.
+
+    Args:
+        functions: The problem's.
+        z: ``(p,)`` the design in the unit cube.
+        neighbours: How many designs around it are judged; 0 for none.
+        radius: How far they are, as a share of each range.
+        seed: Of their places.
+    """
+    problem = functions.problem
+    robot, center = problem.design(jnp.asarray(z))
+    failures = []
+    objective = problem.objective.measured(robot, center)
+    if not np.isfinite(objective.value):
+        failures.append(f"The {problem.objective.name} is {objective.value} without smoothing.")
+    kept = []
+    for one, scale in zip(problem.subject_to, functions.scales, strict=True):
+        measured = one.objective.measured(robot, center)
+        slack = one.slack(measured)
+        tolerance = _KEPT * scale + measured.error
+        holds = bool(slack >= -tolerance)
+        kept.append(Kept(str(one), measured, slack, holds, holds and bool(slack <= _ACTIVE * scale + measured.error)))
+        if not holds:
+            where = "" if measured.pose is None else f" at ({', '.join(f'{x:.6g}' for x in measured.pose)})"
+            failures.append(f"{one} is missed by {-slack:.3g}{where}.")
+    if not bool(robot.geometry_ok()):
+        failures.append("The geometry is degenerate.")
+    near = _neighbourhood(functions, z, neighbours, radius, seed) if neighbours else None
+    if near is not None and near.better and not failures:
+        failures.append(f"{near.better} of {near.samples} designs around it are better, by up to {near.gain:.3g}.")
+    return Verdict(objective, tuple(kept), near, tuple(failures))
+
+
+def _neighbourhood(functions: Functions, z: np.ndarray, neighbours: int, radius: float, seed: int) -> Neighbourhood:
+    rng = np.random.default_rng(seed)
+    # Half of them at a hundredth of the distance: a ridge is narrower than its neighbourhood.
+    reach = np.where(np.arange(neighbours) % 2, radius, radius / 100)[:, None]
+    around = np.clip(z + reach * rng.uniform(-1.0, 1.0, (neighbours, len(z))), 0.0, 1.0)
+    judged = functions.judge_many(jnp.asarray(np.concatenate([z[None], around])))
+    values = functions.problem.sign * np.asarray(judged.level)
+    feasible = np.asarray(judged.fine & (judged.hard >= -1e-9))[1:]
+    gain = np.where(feasible, values[1:] - values[0], -np.inf)
+    better = gain > _BETTER * max(abs(values[0]), 1e-12)
+    most = float(np.max(gain, initial=0.0))
+    return Neighbourhood(neighbours, radius, int(feasible.sum()), int(better.sum()), most if better.any() else 0.0)
