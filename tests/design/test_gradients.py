@@ -15,6 +15,7 @@ import scipy.optimize
 from design_checks import around, assert_gradients, kernel, sizes_of, vectorised
 
 import jaxkin as jk
+from jaxkin.design.walls import walls_of
 from jaxkin.mechanisms import rpr3_closed_forms as closed_forms
 
 DESIGNS = 3
@@ -266,3 +267,24 @@ def test_gradients_near_singular_designs(name):
     # Without symmetry, but not so much that the distance is another.
     designs += 1e-5 * sizes_of(function) * np.random.default_rng(2).uniform(-1.0, 1.0, designs.shape)
     assert_gradients(function, values, designs, step=5e-6, floor=1e-8)
+
+
+@pytest.mark.parametrize("make", [jk.design.smallest_singular_value, jk.design.limit_margin])
+def test_gradients_out_of_reach_show_the_way_back(make):
+    objective = make(five_bar(), jk.design.poses(five_bar(), [[0.83, 4.4], [0.7, 2.2]]), mode=MODE)
+    function = vectorised(objective, five_bar())
+    values = kernel(function)
+    designs = around(function, DESIGNS, 0.01)
+    assert np.all(values(designs)[0] < 0)
+    assert_gradients(function, values, designs)
+
+
+@pytest.mark.parametrize("y", [0.0, 1.0])
+def test_slopes_of_reach_have_slopes_at_its_end_and_beyond(y):
+    """Contacts with the end of a leg's reach, by Lagrange's conditions, lie within rounding on either side of it."""
+    robot = jk.mechanisms.five_bar.create(2.0, (2.0, 2.0), (1.0, 2.0))
+    place = jk.design.box(robot, x=(0.5, 1.5), y=(1.5, 2.5))
+    walls = walls_of("a test", robot, place.center, MODE, False)
+    which = walls.names.index("reach of leg 1")
+    slope = jax.grad(lambda pose: walls.values(robot, pose)[which])
+    assert np.all(np.isfinite(jax.jacfwd(slope)(jnp.array([3.0, y]))))
