@@ -38,7 +38,7 @@ def assert_proofs(robots, place, limits=False):
 def test_discs_of_the_general_3_rpr_with_thirty_degrees():
     robots = random_robots(jk.mechanisms.rpr3.general, (2.1, 0.8, 1.7, 0.9, 0.75, 1.1), 3)
     thirty = math.radians(30.0)
-    place = jk.design.ball(robots[0], {"x": -1.0, "y": 2.0}, 0.1, phi=(1.5 - thirty, 1.5 + thirty))
+    place = jk.design.ball(robots[0], {"x": -1.0, "y": 2.0}, 0.5, phi=(1.5 - thirty, 1.5 + thirty))
     assert_proofs(robots, place)
 
 
