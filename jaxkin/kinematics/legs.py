@@ -191,7 +191,7 @@ def _solved(robot: Mechanism, legs: Legs, k: int, pose: Array):  # type: ignore[
         discriminant = first * first - 2 * second * f
 
         def root(sign: Array) -> Array:
-            size = jnp.sqrt(jnp.where(discriminant > 0, discriminant, 0.0))
+            size = _root_or_zero(discriminant)
             # The sum that does not cancel: q = (s sqrt(D) - b) / 2a, or -2c / (s sqrt(D) + b).
             away = (sign * first <= 0) | ~(discriminant > 0)
             denominator = jnp.where(away, second, sign * size + first)
@@ -204,11 +204,17 @@ def _solved(robot: Mechanism, legs: Legs, k: int, pose: Array):  # type: ignore[
     discriminant = radius - constant * constant
 
     def angle(sign: Array) -> Array:
-        size = sign * jnp.sqrt(jnp.where(discriminant > 0, discriminant, 0.0))
+        size = sign * _root_or_zero(discriminant)
         turn = jnp.arctan2(-constant * sine - size * cosine, -constant * cosine + size * sine)
         return jnp.where(turn >= jnp.pi, -jnp.pi, turn)
 
     return discriminant, angle
+
+
+def _root_or_zero(square: Array) -> Array:
+    """Returns the square root, 0 where there is none, there with the derivative 0: of sqrt(0) it would be NaN."""
+    there = square > 0
+    return jnp.where(there, jnp.sqrt(jnp.where(there, square, 1.0)), 0.0)
 
 
 def working_mode(robot: Mechanism, legs: Legs, pose: Array, joints: Array) -> Array:
