@@ -5,6 +5,7 @@ References:
     2006, "Numerical Optimization", chapter 12 (conditions of Karush, Kuhn and Tucker).
 """
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -104,7 +105,9 @@ class Hard:
             if method == "slsqp"
             else {"maxiter": iterations, "gtol": 1e-12, "xtol": 1e-12}
         )
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            # trust-constr warns where a step does not change the gradient, as at an optimum.
+            warnings.simplefilter("ignore", UserWarning)
             found = scipy.optimize.minimize(
                 cost,
                 y,
