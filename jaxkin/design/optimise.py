@@ -147,8 +147,13 @@ def optimise(
         raise InputError(f"jk.design.optimise got a {type(problem).__name__}: it must be a jk.design.Problem.")
     checked_mechanism("jk.design.optimise", problem.robot)
     options = Options(method, starts, steps, refine, rate, iterations, seed, patience, tolerance, neighbours, radius)
-    request = Request({**problem.request().content, "options": dataclasses.asdict(options)})
+    request = request_of(problem, **dataclasses.asdict(options))
     return _Run(problem, options, request, Checkpoint(checkpoint, request, overwrite), progress).design()
+
+
+def request_of(problem: Problem, **options: Any) -> Request:
+    """Returns what determines the numbers of an optimisation: the problem, and the options of ``Options``."""
+    return Request({**problem.request().content, "options": dataclasses.asdict(Options(**options))})
 
 
 class _Run:
