@@ -85,7 +85,7 @@ def optimise_command(
         if out is None:
             _show(stopped.design, content, as_json)
             raise OptimisationInterrupted("Stopped; the best design so far is above.", stopped.design) from None
-        _write(out, stopped.design, content, True)
+        _write(out, stopped.design, content, force)
         told = f"Stopped; the best design so far is in {out}, and the same command goes on there."
         raise OptimisationInterrupted(told, stopped.design) from None
     content = _content(design, begin, stopped=False)
@@ -133,15 +133,13 @@ def _rows(design: "Design") -> Iterator[list[Any]]:
     """Runs over the lines of optimise.csv: what every start met at every step, then the refinements' iterates."""
     names = list(design.problem.names)
     yield ["stage", "step", "start", "objective", "violation", *names]
-    history = design.history
-    if "objective" in history:
-        for step in range(history.sizes["step"]):
-            for start in range(history.sizes["start"]):
-                numbers = (float(history[name][step, start]) for name in ("objective", "violation", *names))
-                yield ["gradient", step, start, *numbers]
-    for k in range(history.sizes.get("iterate", 0)):
-        numbers = (float(history[f"refined_{name}"][k]) for name in ("objective", "violation", *names))
-        yield ["refinement", k, int(history["refined_start"][k]), *numbers]
+    history = {str(name): variable.values.tolist() for name, variable in design.history.data_vars.items()}
+    columns = ["objective", "violation", *names]
+    for step, objectives in enumerate(history.get("objective", [])):
+        for start in range(len(objectives)):
+            yield ["gradient", step, start, *(history[name][step][start] for name in columns)]
+    for k, start in enumerate(history.get("refined_start", [])):
+        yield ["refinement", k, start, *(history[f"refined_{name}"][k] for name in columns)]
 
 
 def _show(design: "Design", content: dict[str, Any], as_json: bool) -> None:
