@@ -64,7 +64,8 @@ class Checkpoint:
 
     def _read(self, path: Path) -> dict[str, np.ndarray]:
         try:
-            with np.load(path, allow_pickle=False) as file:
+            # Opened here, since NumPy leaves a damaged file open.
+            with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
             request, version = dict(json.loads(str(content.pop("request")))), int(content.pop("version"))
         # A file of one array is no context manager (TypeError).

@@ -43,7 +43,7 @@ BAD = {
         {"vary": {"a": Parameter(0, 1, sets=("b",))}, "build": lambda a: cart(a)},
         "a sets b, but it is an argument of build: leave sets out",
     ),
-    "batch": ({"robot": cart().replace(a=jnp.ones(3), b=jnp.ones(3))}, "batch|single|one"),
+    "batch": ({"robot": jk.mechanisms.rpr3.analytic(jnp.ones(3), 0.0, 1.0)}, "a batch of robots: pass one robot"),
     "no robot": ({"robot": 3}, "jk.design.Problem"),
 }
 
