@@ -63,12 +63,12 @@ def read_problem(path: str | Path) -> tuple[Problem, dict[str, Any]]:
         _check_keys("The file", content, _TOP)
         if not isinstance(content.get("name", ""), str):
             raise InputError(f"name is {content['name']!r}: it must be text, in quotation marks.")
-        maker = _maker(_table(content, "robot"))
+        maker, asked = _maker(_table(content, "robot")), _sides(content)
         robot = maker.robot()
         varied = _table(content, "vary")
         parameters = {name: _parameter(f"[vary] {name}", given) for name, given in varied.items()}
         objectives = _Objectives(robot, _table(content, "places", needed=False))
-        sides = {side: objectives.made(f"[{side}]", _table(content, side)) for side in _sides(content)}
+        sides = {side: objectives.made(f"[{side}]", _table(content, side)) for side in asked}
         options = dict(_table(content, "optimiser", needed=False))
         _check_keys("[optimiser]", options, [field.name for field in fields(Options)])
         Options(**options)

@@ -37,7 +37,10 @@ BAD = {
     "contradiction": ({"subject_to": [SUM.at_least(2), SUM.at_most(1)]}, "sum >= 2 and sum <= 1 contradict each other"),
     "center": ({"vary": {"center.x": (0, 1)}}, r"center\.x varies, but no prescribed place"),
     "center axis": ({"vary": {"center.z": (0, 1)}}, "no pose axis 'z': choose among x"),
-    "build lacks": ({"vary": {"a": (0, 1)}, "build": lambda a, c: cart(a)}, "build cannot make a mechanism of a: .*'c'"),
+    "build lacks": (
+        {"vary": {"a": (0, 1)}, "build": lambda a, c: cart(a)},
+        "build cannot make a mechanism of a: .*'c'",
+    ),
     "build makes": ({"vary": {"a": (0, 1)}, "build": lambda a: a}, "build makes a ShapeDtypeStruct"),
     "sets and build": (
         {"vary": {"a": Parameter(0, 1, sets=("b",))}, "build": lambda a: cart(a)},

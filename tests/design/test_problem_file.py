@@ -1,12 +1,16 @@
+import dataclasses
+import inspect
 import math
 import re
+from pathlib import Path
 
 import jax
 import jax.numpy as jnp
 import pytest
 
 import jaxkin as jk
-from jaxkin.design import read_problem
+from jaxkin.design import problem_file, read_problem
+from jaxkin.design.optimise import Options
 
 HOME = """
 name = "isotropy at home"
@@ -151,7 +155,7 @@ BAD = {
     "robot's key": (swap(HOME, "mechanism =", "mechanisn ="), r"\[robot\] has no key 'mechanisn'.*'mechanism'"),
     "mechanism": (swap(HOME, '"tlpm"', '"tlmp"'), "names the mechanism 'tlmp': .*did you mean 'tlpm'"),
     "geometry": (swap(HOME, "{ base_radius", "{ base_radus"), "no key 'base_radus': .*did you mean 'base_radius'"),
-    "size": (swap(HOME, "height = 590.0", "height = -590.0"), r"\[robot\]: height is -590"),
+    "size": (swap(HOME, "{ base_radius = 590.0", "{ base_radius = -590.0"), r"\[robot\]: base_radius is -590"),
     "size as text": (swap(HOME, "height = 590.0", 'height = "x"'), r"\[robot\]: height"),
     "limit": (swap(HOME, "{ l1 = [", "{ l4 = ["), "limits of .* no key 'l4': choose among l1, l2, l3"),
     "limits' order": (swap(HOME, "[-100.0, 150.0]", "[150.0, -100.0]"), "l1"),
@@ -163,7 +167,10 @@ BAD = {
     "place's key": (swap(HOME, "poses =", "pose ="), r"\[places\.home\] has no key 'pose'.*mean 'poses'"),
     "two places": (swap(REACH, "[maximise]", "poses = [[0, 0, 0]]\n[maximise]"), "has 2 of poses, .* exactly one"),
     "poses' shape": (swap(HOME, "[[0.0, 0.0, 0.0]]", "[[0.0, 0.0]]"), r"\[places\.home\]: .* shape \(k, 3\)"),
-    "place is a list": (swap(BAR, "[places.box]\nbox = {", "[places]\nbox = [1]\n[places.b]\nbox = {"), "box is"),
+    "place is a list": (
+        swap(BAR, "[places.box]\n", "[places]\nbox = [1]\n[places.b]\n"),
+        r"\[places\.box\] is \[1\]: .* a table",
+    ),
     "box's axis": (swap(BAR, "x = [4.0, 5.0]", "z = [4.0, 5.0]"), "box has no key 'z': choose among x, y, n"),
     "box's order": (swap(BAR, "x = [4.0, 5.0]", "x = [5.0, 4.0]"), "x goes from 5 to 4: low must be less"),
     "ball": (swap(BAR, "radius = 0.5, ", ""), "ball has no 'radius'"),
@@ -211,3 +218,17 @@ def test_files_that_cannot_be_read(tmp_path):
     (tmp_path / "other.toml").write_bytes(b"\xff\xfe")
     with pytest.raises(jk.InputError, match="no text in UTF-8"):
         read_problem(tmp_path / "other.toml")
+
+
+def test_the_page_shows_a_problem_and_names_every_objective(read):
+    page = (Path(__file__).parents[2] / "docs" / "problem_files.md").read_text(encoding="utf-8")
+    shown = page.split("<!-- problem -->\n```toml\n")[1].split("```")[0]
+    asked, options = read(shown)
+    assert asked.names == ("base_radius",)
+    assert options == {"starts": 4}
+    for name, function in problem_file._OBJECTIVES.items():
+        (line,) = [line for line in page.splitlines() if line.startswith("|") and f"`{name}`" in line.split("|")[1]]
+        arguments = list(inspect.signature(function).parameters)[1:]
+        assert set(re.findall(r"`(\w+)`", "|".join(line.split("|")[2:]))) == set(arguments)
+    assert all(f"`{key}`" in page for key in (*problem_file._PLACES, *problem_file._BOUNDS))
+    assert all(f"`{field.name}`" in page for field in dataclasses.fields(Options))
