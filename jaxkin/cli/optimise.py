@@ -64,9 +64,9 @@ def optimise_command(
 
     docs/problem_files.md has the whole format. Options stand above those of the file's [optimiser].
 
-    The same command goes on where it was stopped, at the checkpoint in its folder; --force begins anew. The exit code is
-    0 for a verified design, 1 for one that is not verified, 2 for input that cannot be used, 130 after Ctrl-C, which
-    leaves the best design so far in the folder.
+    The same command goes on where it was stopped, at the checkpoint in its folder; --force begins anew. The exit code
+    is 0 for a verified design, 1 for one that is not verified, 2 for input that cannot be used, 130 after Ctrl-C,
+    which leaves the best design so far in the folder.
     """
     if out is not None:
         check_folder(out, _CHECKPOINT if (out / _CHECKPOINT).exists() else _NUMBERS, force)

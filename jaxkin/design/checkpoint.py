@@ -70,13 +70,12 @@ class Checkpoint:
             request, version = dict(json.loads(str(content.pop("request")))), int(content.pop("version"))
         # A file of one array is no context manager (TypeError).
         except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise StoreError(
-                f"The checkpoint {str(path)!r} cannot be read ({error}): choose another {given('file')}, or give {given('overwrite=True')}."
-            ) from None
+            raise StoreError(f"The checkpoint {str(path)!r} cannot be read ({error}): {_remedy()}.") from None
         if version != _VERSION or request != json.loads(self._request.text):
             what = self._request.difference(request) if version == _VERSION else "it is of another version"
-            raise StoreError(
-                f"The checkpoint {str(path)!r} is of another request ({what}): choose another {given('file')}, or give "
-                f"{given('overwrite=True')}."
-            )
+            raise StoreError(f"The checkpoint {str(path)!r} is of another request ({what}): {_remedy()}.")
         return content
+
+
+def _remedy() -> str:
+    return f"choose another {given('file')}, or give {given('overwrite=True')}"

@@ -21,7 +21,8 @@ def isotropy(norm):
 
 
 # What was seen as |L/h - sqrt 2|: Frobenius 0 (auto, slsqp), 2e-16 (trust-constr), 1e-8 (lbfgs, whose line search sees
-# values alone, and these are flat to rounding there), 8e-6 (adam); spectral, with a kink, 7e-13, 1e-13, 5e-10, 5e-11, 4e-6.
+# values, and these are flat to rounding there), 8e-6 (adam); spectral, with a kink, 7e-13 (auto), 1e-13 (slsqp), 5e-10
+# (trust-constr), 5e-11 (lbfgs), 4e-6 (adam).
 @pytest.mark.parametrize(
     ("norm", "method"),
     [
@@ -196,7 +197,7 @@ def test_checkpoints_of_other_requests_and_damaged_ones_are_refused(tmp_path):
     np.save(one, np.zeros(3))
     for damaged in (b"", b"text", whole[: len(whole) // 2], one.read_bytes()):
         path.write_bytes(damaged)
-        with pytest.raises(jk.StoreError, match="cannot be read .*overwrite=True"):
+        with pytest.raises(jk.StoreError, match=r"cannot be read .*overwrite=True"):
             optimise(problem(), checkpoint=path, **QUICK)
     assert numbers(optimise(problem(), checkpoint=path, overwrite=True, **QUICK)) == numbers(first)
 
