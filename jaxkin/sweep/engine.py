@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from jaxkin.core.errors import GeometryError, InputError, SweepInterrupted
-from jaxkin.core.leaves import Place, leaf_places
+from jaxkin.core.leaves import LeafPlace, leaf_places
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import Request, identity, run_log
 from jaxkin.core.words import given
@@ -161,7 +161,7 @@ def bound_grid(robot: Mechanism, field: Field, grid: Grid) -> BoundGrid:
     return grid.bind(axes, "geometry", every=False)
 
 
-def _check_numbers_once(places: dict[str, Place], grid: Grid) -> None:
+def _check_numbers_once(places: dict[str, LeafPlace], grid: Grid) -> None:
     """Refuses a grid that names an entry of a vector, and the whole of it."""
     whole = {places[name].field: name for name in grid.axes if name == places[name].field}
     for name in grid.axes:
