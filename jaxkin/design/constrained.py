@@ -76,9 +76,9 @@ class Hard:
         """Runs a method of SciPy from a point of the unit cube; ``seen`` is told of every iterate."""
         y = self._functions.with_level(z)
         p = len(self._functions.problem.names)
-        bounds = scipy.optimize.Bounds(
-            np.append(np.zeros(p), [-np.inf] * (len(y) - p)), [1.0] * p + [np.inf] * (len(y) - p)
-        )
+        free = [np.inf] * (len(y) - p)
+        low, high = np.append(np.zeros(p), np.negative(free)), np.append(np.ones(p), free)
+        bounds = scipy.optimize.Bounds(low, high)  # type: ignore[arg-type]
         count = [0, 0]
 
         def cost(y: np.ndarray) -> tuple[float, np.ndarray]:
