@@ -8,6 +8,7 @@ from jaxkin import __version__
 from jaxkin.cli.analyse import analyse_command
 from jaxkin.cli.atlas import atlas_command
 from jaxkin.cli.map import map_command
+from jaxkin.cli.optimise import optimise_command
 from jaxkin.cli.path import path_command
 from jaxkin.cli.points import forward_command, inverse_command
 from jaxkin.cli.reproduce import reproduce_command
@@ -52,6 +53,7 @@ cli.add_command(inverse_command)
 cli.add_command(forward_command)
 cli.add_command(map_command)
 cli.add_command(atlas_command)
+cli.add_command(optimise_command)
 cli.add_command(info_command)
 cli.add_command(verify_command)
 cli.add_command(loci_command)
@@ -65,7 +67,7 @@ cli.add_command(reproduce_command)
 
 def main(arguments: list[str] | None = None) -> None:
     """Runs the command line; bad input ends with one line and exit code 2, Ctrl-C with 130."""
-    from jaxkin.core.errors import JaxkinError, SweepInterrupted
+    from jaxkin.core.errors import JaxkinError
 
     try:
         with spoken(OPTIONS):
@@ -74,9 +76,9 @@ def main(arguments: list[str] | None = None) -> None:
         click.echo(f"jaxkin: {error.format_message()} See --help.", err=True)
         sys.exit(2)
     except (click.Abort, KeyboardInterrupt) as error:
-        # click turns Ctrl-C into Abort; the sweep's own sentence is its cause.
-        cause = error if isinstance(error, SweepInterrupted) else error.__cause__
-        click.echo(f"jaxkin: {cause if isinstance(cause, SweepInterrupted) else 'stopped.'}", err=True)
+        # click turns Ctrl-C into Abort; the sentence of what was stopped is its cause.
+        cause = error if isinstance(error, JaxkinError) else error.__cause__
+        click.echo(f"jaxkin: {cause if isinstance(cause, JaxkinError) else 'stopped.'}", err=True)
         sys.exit(130)
     except JaxkinError as error:
         click.echo(f"jaxkin: {error}", err=True)

@@ -19,6 +19,7 @@ from .places import poses as poses
 from .places import reach as reach
 from .problem import Parameter as Parameter
 from .problem import Problem as Problem
+from .problem_file import read_problem as read_problem
 from .regular import regular_size as regular_size
 from .regular import regular_workspaces as regular_workspaces
 from .regular import singularity_distance as singularity_distance

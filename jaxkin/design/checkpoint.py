@@ -3,6 +3,7 @@
 import json
 import os
 import zipfile
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,9 +12,10 @@ import numpy as np
 
 from jaxkin.core.errors import StoreError
 from jaxkin.core.provenance import Request
+from jaxkin.core.words import given
 
 #: Raise it when what is kept changes.
-_VERSION = 1
+_VERSION = 2
 
 
 class Checkpoint:
@@ -62,17 +64,18 @@ class Checkpoint:
 
     def _read(self, path: Path) -> dict[str, np.ndarray]:
         try:
-            with np.load(path, allow_pickle=False) as file:
+            # Opened here, since NumPy leaves a damaged file open.
+            with path.open("rb") as raw, np.load(raw, allow_pickle=False) as file:
                 content = {name: file[name] for name in file.files}
-            request, version = json.loads(str(content.pop("request"))), int(content.pop("version"))
-        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
-            raise StoreError(
-                f"The checkpoint {str(path)!r} cannot be read ({error}): choose another file, or give overwrite=True."
-            ) from None
+            request, version = dict(json.loads(str(content.pop("request")))), int(content.pop("version"))
+        # A file of one array is no context manager (TypeError).
+        except (OSError, ValueError, KeyError, TypeError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise StoreError(f"The checkpoint {str(path)!r} cannot be read ({error}): {_remedy()}.") from None
         if version != _VERSION or request != json.loads(self._request.text):
             what = self._request.difference(request) if version == _VERSION else "it is of another version"
-            raise StoreError(
-                f"The checkpoint {str(path)!r} is of another request ({what}): choose another file, or give "
-                "overwrite=True."
-            )
+            raise StoreError(f"The checkpoint {str(path)!r} is of another request ({what}): {_remedy()}.")
         return content
+
+
+def _remedy() -> str:
+    return f"choose another {given('file')}, or give {given('overwrite=True')}"

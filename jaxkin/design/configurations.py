@@ -122,7 +122,7 @@ def _by_legs(who: str, robot: Mechanism, mode: Sequence[int] | None, pose: np.nd
         )
     modes = legs.modes
     chosen = modes[0] if mode is None and len(modes) == 1 else None if mode is None else tuple(map(int, mode))
-    if chosen not in modes:
+    if chosen is None or chosen not in modes:
         told = "not given" if mode is None else f"{tuple(mode)!r}"
         raise InputError(
             f"{who}: the working mode is {told}: choose mode= among {', '.join(map(str, modes))} (the sign of each "

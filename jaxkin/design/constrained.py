@@ -5,6 +5,7 @@ References:
     2006, "Numerical Optimization", chapter 12 (conditions of Karush, Kuhn and Tucker).
 """
 
+import warnings
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -77,9 +78,9 @@ class Hard:
         """Runs a method of SciPy from a point of the unit cube; ``seen`` is told of every iterate."""
         y = self._functions.with_level(z)
         p = len(self._functions.problem.names)
-        bounds = scipy.optimize.Bounds(
-            np.append(np.zeros(p), [-np.inf] * (len(y) - p)), [1.0] * p + [np.inf] * (len(y) - p)
-        )
+        free = [np.inf] * (len(y) - p)
+        low, high = np.append(np.zeros(p), np.negative(free)), np.append(np.ones(p), free)
+        bounds = scipy.optimize.Bounds(low, high)  # type: ignore[arg-type]
         count = [0, 0]
 
         def cost(y: np.ndarray) -> tuple[float, np.ndarray]:
@@ -106,7 +107,9 @@ class Hard:
             if method == "slsqp"
             else {"maxiter": iterations, "gtol": 1e-12, "xtol": 1e-12}
         )
-        with np.errstate(all="ignore"):
+        with np.errstate(all="ignore"), warnings.catch_warnings():
+            # trust-constr warns where a step does not change the gradient, as at an optimum.
+            warnings.simplefilter("ignore", UserWarning)
             found = scipy.optimize.minimize(
                 cost,
                 y,

@@ -30,6 +30,8 @@ from jaxkin.sweep.progress import Progress
 METHODS = ("auto", "adam", "lbfgs", *HARD_METHODS)
 #: Refinements begin farther apart than this in the unit cube.
 _APART = 1e-2
+#: A parameter so close to an end of the unit cube is at its bound: methods behind a smooth map come near it only.
+_AT_BOUND = 1e-12
 #: How often samples are added where the worst pose lies between them.
 _SHARPENED = 4
 
@@ -117,7 +119,7 @@ def optimise(
         method: ``"auto"`` (Adam, then SLSQP), ``"adam"`` or ``"lbfgs"`` (optax) alone, ``"slsqp"`` or
             ``"trust-constr"`` (SciPy) from the best starts.
         starts: Number of starts, spread over the bounds; the first is the mechanism as it is.
-        steps: Steps of the gradient method.
+        steps: Steps of the gradient method, taken 20 at a time: rounded up to a multiple of 20.
         refine: How many of the best are refined.
         rate: Adam's rate, a share of each range a step.
         iterations: Of the hard method.
@@ -141,10 +143,17 @@ def optimise(
         StoreError: The checkpoint is of another request.
         OptimisationInterrupted: Ctrl-C; ``.design`` is the best so far.
     """
-    checked_mechanism("jk.design.optimise", getattr(problem, "robot", problem))
+    if not isinstance(problem, Problem):
+        raise InputError(f"jk.design.optimise got a {type(problem).__name__}: it must be a jk.design.Problem.")
+    checked_mechanism("jk.design.optimise", problem.robot)
     options = Options(method, starts, steps, refine, rate, iterations, seed, patience, tolerance, neighbours, radius)
-    request = Request({**problem.request().content, "options": dataclasses.asdict(options)})
+    request = request_of(problem, **dataclasses.asdict(options))
     return _Run(problem, options, request, Checkpoint(checkpoint, request, overwrite), progress).design()
+
+
+def request_of(problem: Problem, **options: Any) -> Request:
+    """Returns what determines the numbers of an optimisation: the problem, and the options of ``Options``."""
+    return Request({**problem.request().content, "options": dataclasses.asdict(Options(**options))})
 
 
 class _Run:
@@ -170,18 +179,20 @@ class _Run:
                 self._counts["starts"] = len(self._starts)
             best = self._walked()
             self._refined(best)
+            with self._timed("proof"):
+                chosen = self._chosen()
+                verdict = verified(
+                    chosen.functions, chosen.z, self._options.neighbours, self._options.radius, self._options.seed
+                )
         except KeyboardInterrupt:
+            if not len(self._starts):
+                self._starts = self._problem.start()[None]
             chosen = self._chosen() if self._found else _Candidate(self._starts[0], 0, None, self._functions)
             kept = "" if self._checkpoint.array("best.z") is None else "; the same request goes on at its checkpoint"
             raise OptimisationInterrupted(
                 f"Stopped; the best design so far is in the exception's .design{kept}.",
                 self._told(chosen, self._unproved(chosen)),
             ) from None
-        with self._timed("proof"):
-            chosen = self._chosen()
-            verdict = verified(
-                chosen.functions, chosen.z, self._options.neighbours, self._options.radius, self._options.seed
-            )
         return self._told(chosen, verdict)
 
     def _walked(self) -> Best:
@@ -237,25 +248,28 @@ class _Run:
         with self._timed("refinement"):
             hard = Hard(self._functions)
             for place, k in enumerate(_distinct(best, self._options.refine)):
-                kept = self._checkpoint.array(f"refined.{place}")
-                self._found.append(self._refine(hard, self._functions, np.asarray(best.z[k]), k, kept))
-                self._checkpoint.keep(None, **{f"refined.{place}": self._found[-1].stationary.y})  # type: ignore[union-attr]
+                self._found.append(self._refine(hard, self._functions, np.asarray(best.z[k]), k, f"refined.{place}"))
             for _ in range(_SHARPENED):
                 if not self._sharpened():
                     break
 
     def _refine(
-        self, hard: Hard, functions: Functions, z: np.ndarray, start: int, kept: np.ndarray | None = None
+        self, hard: Hard, functions: Functions, z: np.ndarray, start: int, kept: str | None = None
     ) -> _Candidate:
-        y = kept
-        if y is None:
-            iterates: list[np.ndarray] = []
+        """Refines one design; ``kept`` is its name in the checkpoint, if it stands there."""
+        y, iterates, numbers = (self._checkpoint.array(f"{kept}.{part}") for part in ("y", "iterates", "counts"))
+        if y is None or iterates is None or numbers is None:
+            seen: list[np.ndarray] = []
             assert self._options.hard is not None
-            solved = hard.solve(z, self._options.hard, self._options.iterations, iterates.append)
-            self._history.add_refined(functions, start, iterates)
-            for name, number in (("evaluations", solved.evaluations), ("gradients", solved.gradients)):
-                self._counts[f"refinement {name}"] = self._counts.get(f"refinement {name}", 0) + number
-            y = solved.y
+            solved = hard.solve(z, self._options.hard, self._options.iterations, lambda y: seen.append(y.copy()))
+            y, iterates = solved.y, np.reshape(seen, (len(seen), len(solved.y)))
+            numbers = np.array([solved.evaluations, solved.gradients])
+            if kept is not None:
+                parts = {"y": y, "iterates": iterates, "counts": numbers}
+                self._checkpoint.keep(None, **{f"{kept}.{part}": value for part, value in parts.items()})
+        self._history.add_refined(functions, start, list(iterates))
+        for name, number in zip(("evaluations", "gradients"), numbers.tolist(), strict=True):
+            self._counts[f"refinement {name}"] = self._counts.get(f"refinement {name}", 0) + number
         stationary = hard.polished(y)
         return _Candidate(stationary.y[: len(z)], start, stationary, functions)
 
@@ -317,7 +331,9 @@ class _Run:
         robot, center = problem.design(jnp.asarray(chosen.z))
         values = {name: float(value) for name, value in problem.values(jnp.asarray(chosen.z)).items()}
         ends = {
-            name: "low" if z <= 0 else "high" for name, z in zip(problem.names, chosen.z, strict=True) if not 0 < z < 1
+            name: "low" if z < 0.5 else "high"
+            for name, z in zip(problem.names, chosen.z, strict=True)
+            if min(z, 1 - z) <= _AT_BOUND
         }
         start = problem.values(jnp.asarray(self._starts[chosen.start]))
         counts = {**self._counts, "seconds": {name: round(s, 3) for name, s in self._seconds.items()}}

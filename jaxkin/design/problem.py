@@ -6,12 +6,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
 from jaxkin.core.errors import GeometryError, InputError
-from jaxkin.core.leaves import checked_leaf, leaf_unit, leaf_value, with_leaves
+from jaxkin.core.leaves import checked_leaf, leaf_places, leaf_unit, leaf_value, with_leaves
 from jaxkin.core.mechanism import Mechanism, concrete_reals
 from jaxkin.core.provenance import Request, identity
 from jaxkin.design.objective import LEAST, MOST, Objective, Requirement
@@ -94,6 +95,8 @@ class Problem:
         parameters = {name: self._checked(who, name, given) for name, given in self.vary.items()}
         object.__setattr__(self, "parameters", parameters)
         _check_twice(who, parameters)
+        self._check_middles(who)
+        self._check_build(who)
         _check_contradictions(who, self.subject_to)
 
     @property
@@ -154,12 +157,11 @@ class Problem:
         return with_leaves(robot, leaves), center
 
     def unit_of(self, name: str) -> str:
-        """Returns the unit of a parameter, "" where it is not known (an argument of ``build``)."""
+        """Returns the unit of a parameter, "" where it is not known (an argument of ``build`` that names no number)."""
         if name.startswith(CENTER):
             return self.robot.pose_axes[self._axis(name)].unit
-        if name in self._arguments:
-            return ""
-        return leaf_unit(self.robot, (self.parameters[name].sets or (name,))[0])
+        leaf = (self.parameters[name].sets or (name,))[0]
+        return leaf_unit(self.robot, leaf) if leaf in leaf_places(self.robot) else ""
 
     def start(self) -> np.ndarray:
         """Returns where the first start begins, in the unit cube; the middle where nothing is known."""
@@ -207,6 +209,12 @@ class Problem:
             if ends is None or ends.shape != (2,):
                 raise InputError(f"{who}: {name} varies in {given!r}: give (low, high) or a jk.design.Parameter.")
             one = Parameter(float(ends[0]), float(ends[1]))
+        for end in ("low", "high", *(("start",) if one.start is not None else ())):
+            number = concrete_reals(getattr(one, end))
+            if number is None or number.ndim:
+                raise InputError(f"{who}: {name} has {end} = {getattr(one, end)!r}: it must be a number.")
+        if one.sets and (name.startswith(CENTER) or name in self._arguments):
+            raise InputError(f"{who}: {name} sets {', '.join(one.sets)}, but it is {self._kind(name)}: leave sets out.")
         if name.startswith(CENTER):
             self._axis(name)
         elif name not in self._arguments:
@@ -224,6 +232,39 @@ class Problem:
         if one.start is not None and not one.low <= one.start <= one.high:
             raise InputError(f"{who}: {name} starts at {one.start:g}, outside {one.low:g} to {one.high:g}.")
         return one
+
+    def _kind(self, name: str) -> str:
+        return "a coordinate of the places" if name.startswith(CENTER) else "an argument of build"
+
+    def _check_middles(self, who: str) -> None:
+        """Refuses places with different middles where one moves: the coordinates that stay would be one place's."""
+        moved = [self._axis(name) for name in self.parameters if name.startswith(CENTER)]
+        if not moved:
+            return
+        objectives = (self.objective, *(one.objective for one in self.subject_to))
+        middles = [one.place.center for one in objectives if one.place is not None and one.place.kind != "reach"]
+        for k, axis in enumerate(self.robot.pose_axes):
+            values = sorted({float(middle[k]) for middle in middles})
+            if k not in moved and len(values) > 1:
+                raise InputError(
+                    f"{who}: the prescribed places have middles at {axis.name} = {values[0]:g} and {values[1]:g}, and "
+                    f"they move together: give them one middle, or vary center.{axis.name} too."
+                )
+
+    def _check_build(self, who: str) -> None:
+        """Refuses a build that cannot be called with the parameters, or makes another mechanism."""
+        if self.build is None:
+            return
+        arguments = {name: jnp.asarray(one.low) for name, one in self.parameters.items() if name in self._arguments}
+        try:
+            made = jax.eval_shape(lambda values: self.build(**values), arguments)  # type: ignore[misc]
+        except TypeError as error:
+            raise InputError(f"{who}: build cannot make a mechanism of {', '.join(arguments)}: {error}.") from error
+        if jax.tree_util.tree_structure(made) != jax.tree_util.tree_structure(self.robot):
+            raise InputError(
+                f"{who}: build makes a {type(made).__name__}, and robot is a {type(self.robot).__name__}: they must be "
+                "of one kind, with the same entries that do not vary."
+            )
 
     def _axis(self, name: str) -> int:
         axes = [axis.name for axis in self.robot.pose_axes]
