@@ -4,8 +4,6 @@ The place is that of a cusp of one member of the family, (c3, d3) = (1.2, 1), wi
 and knows nothing of closed forms. Known answer: distance zero; by the closed forms every member found has a cusp there.
 """
 
-import dataclasses
-
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start

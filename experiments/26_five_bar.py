@@ -59,9 +59,9 @@ def verify(design: jk.design.Design) -> xarray.Dataset:
     values = np.asarray(result[field.name])
     place = np.unravel_index(np.nanargmax(values), values.shape)
     best, optimum = float(values[place]), design.objective.value
-    print(
-        f"grid: best {best:.10g} at proximal = {float(result.proximal[place[0]]):.4g}, distal = {float(result.distal[place[1]]):.4g}"
-    )
+    where = ", ".join(f"{name} = {float(result[name][k]):.4g}" for name, k in zip(grid, place, strict=True))
+    print(f"grid: best {best:.10g} at {where}")
+
     print(f"optimum {optimum:.10g}, better than the grid by {optimum - best:.2e}")
     assert 0 <= optimum - best + 1e-9 < 5e-3
     return result
@@ -93,7 +93,7 @@ def main() -> None:
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.0, 4.6), layout="constrained")
     # Below zero designs meet a singularity in the rectangle, or do not reach it.
-    jk.plot.design_map(result.where(result > 0, keep_attrs=True), design, ax=left)
+    jk.plot.design_map(result.where(result > 0), design, ax=left)
     jk.plot.design_history(design, right)
     save(figure, folder, "five_bar_optimum")
 
