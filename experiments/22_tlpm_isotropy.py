@@ -42,16 +42,18 @@ def main() -> None:
         # At one pose the strokes' zeros do not matter, so that the initial lengths may stay.
         result = jk.sweep(robot, atlas.smoothed_objective(measures[norm]), grid)
         values = next(iter(result.data_vars.values()))
-        left.plot(result.base_radius / HEIGHT, values, color="black", linestyle=dashes, label=f"{norm} norm")
+        name = f"{norm.capitalize()} norm"
+        left.plot(result.base_radius / HEIGHT, values, color="black", linestyle=dashes, label=name)
     left.axvline(math.sqrt(2), color="black", linewidth=0.6, linestyle=(0, (1, 2)))
-    left.annotate(r"$\sqrt{2}$", (math.sqrt(2), 0.31), xytext=(4, 0), textcoords="offset points")
+    left.annotate(r"$\sqrt{2}$", (math.sqrt(2), 0.5), xytext=(4, 0), textcoords="offset points")
     best = designs["frobenius"]
-    left.plot(best.values["base_radius"] / HEIGHT, best.objective.value, "*", color="#F0E442", markersize=13, mec="black")
+    ratio = best.values["base_radius"] / HEIGHT
+    left.plot(ratio, best.objective.value, "*", color="#F0E442", markersize=13, markeredgecolor="black")
     left.set(xlabel="$L/h$", ylabel="inverse condition number at home", ylim=(0.3, 1.04))
     left.legend(frameon=False, loc="lower right")
     jk.plot.design_history(best, right)
     save(figure, folder, "tlpm_isotropy")
-    assert np.isclose(best.values["base_radius"] / HEIGHT, math.sqrt(2), rtol=0, atol=1e-8)
+    assert np.isclose(ratio, math.sqrt(2), rtol=0, atol=1e-8)
 
 
 if __name__ == "__main__":

@@ -121,9 +121,7 @@ def smoothed_objective(objective: Objective, center: ArrayLike | None = None) ->
     middle = None if center is None else jnp.asarray(center, float)
     name = re.sub(r"\W+", "_", objective.name)
     at = {} if middle is None else {"center": middle.tolist()}
-    variable = Variable(
-        name, "float64", objective.unit, objective.name, attrs={"smoothing": objective.smoothing, **at}
-    )
+    variable = Variable(name, "float64", objective.unit, objective.name, attrs={"smoothing": objective.smoothing, **at})
     return Field(
         name=name,
         domain="geometry",

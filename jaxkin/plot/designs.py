@@ -223,8 +223,9 @@ def design_map(result: xarray.Dataset, design: Design, variable: str | None = No
         InputError: It is no design or no map of two of the parameters.
     """
     style.check_kind(design, Design, _DESIGN)
+    free = _free(result, variable)
+    x, y = (_parameter(design, name) for name in free)
     ax = maps.section(result, variable, ax)
-    x, y = (_parameter(design, str(dim)) for dim in (ax_dims := _free(result, variable)))
     window = ax.axis()
     handles: list[Any] = []
     ink: dict[str, Any] = {"color": "white", "linewidth": 0.7, "zorder": 3}
@@ -233,7 +234,7 @@ def design_map(result: xarray.Dataset, design: Design, variable: str | None = No
         ax.plot(*paths, **{**ink, "alpha": 0.8})
         look: dict[str, Any] = {"marker": "o", "markersize": 4, "markeredgecolor": "black", "linestyle": "none"}
         handles += ax.plot(paths[0][0], paths[1][0], color="white", zorder=4, label="starts", **look)
-        projected = len(design.values) > len(ax_dims)
+        projected = len(design.values) > len(free)
         text = "their paths, projected" if projected else "their paths"
         handles.append(Line2D([], [], color=_GREY, linewidth=1.0, label=text))
     look = {"marker": "*", "markersize": 13, "markeredgecolor": "black", "linestyle": "none"}
