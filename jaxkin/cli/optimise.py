@@ -11,7 +11,6 @@ import click
 from jaxkin.cli.folder import check_folder
 from jaxkin.cli.options import json_option, start_jax
 from jaxkin.cli.results import check_request, write
-from jaxkin.core.words import spoken
 
 if TYPE_CHECKING:
     from jaxkin.design.outcome import Design
@@ -19,8 +18,6 @@ if TYPE_CHECKING:
 #: jk.design.optimise's methods, which are not imported for --help.
 METHODS = ("auto", "adam", "lbfgs", "slsqp", "trust-constr")
 _CHECKPOINT, _NUMBERS = "optimise.npz", "optimise.json"
-#: What messages about a checkpoint call what would be given in Python.
-_WORDS = {"file": "folder"}
 
 
 @click.command("optimise")
@@ -103,9 +100,8 @@ def _optimised(problem: Any, options: dict[str, Any], out: Path | None, force: b
 
     if out is not None and not force and (out / _NUMBERS).exists():
         check_request(out / _NUMBERS, request_of(problem, **options).content)
-    with spoken(_WORDS):
-        checkpoint = None if out is None else out / _CHECKPOINT
-        return optimise(problem, **options, checkpoint=checkpoint, overwrite=force, progress=progress)
+    checkpoint = None if out is None else out / _CHECKPOINT
+    return optimise(problem, **options, checkpoint=checkpoint, overwrite=force, progress=progress)
 
 
 def _content(design: "Design", begin: float, stopped: bool) -> dict[str, Any]:

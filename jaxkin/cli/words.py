@@ -3,6 +3,7 @@
 #: A word of ``jaxkin.core.words.given`` -> that of the command line.
 OPTIONS = {
     "overwrite=True": "--force",
+    "file": "folder",
     "store": "--store",
     "store=...": "--store STORE",
     "workers": "--workers",

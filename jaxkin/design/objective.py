@@ -11,7 +11,6 @@ from jax import Array
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.core.words import given
 from jaxkin.design.places import Place
 
 #: What the parts of an objective are put together by.
@@ -162,7 +161,7 @@ def _finite(objective: Objective, value: Any) -> float:
     except (TypeError, ValueError):
         number = np.nan
     if not np.isfinite(number):
-        raise InputError(f"The bound of {objective.name} is {value!r}: it must be {given('a finite number')}.")
+        raise InputError(f"The bound of {objective.name} is {value!r}: it must be a finite number.")
     return number
 
 

@@ -55,7 +55,7 @@ def test_words_are_agreed_on_for_a_while():
     ],
 )
 def test_messages_speak_of_options(arguments, words, run, monkeypatch):
-    monkeypatch.setattr("jaxkin.cli.map._cluster", lambda address: __import__("contextlib").nullcontext(address))
+    monkeypatch.setattr("jaxkin.cli.dense._cluster", lambda address: __import__("contextlib").nullcontext(address))
     code, _, err = run(*arguments)
     assert code == 2
     for word in words:
