@@ -10,6 +10,7 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start
+from matplotlib.axes import Axes
 
 import jaxkin as jk
 
@@ -52,7 +53,7 @@ def grid(wanted: jk.design.Problem, n: int) -> tuple[np.ndarray, ...]:
     return radii, heights, *(values[:, k].reshape(n, n) for k in range(3))
 
 
-def draw_map(wanted: jk.design.Problem, design: jk.design.Design, axes: plt.Axes) -> None:
+def draw_map(wanted: jk.design.Problem, design: jk.design.Design, axes: Axes) -> None:
     radii, heights, volume, conditioning, clearance = grid(wanted, 41)
     allowed = (conditioning >= FLOOR) & (clearance >= 0)
     levels = np.arange(26.0, 48.1, 2.0)

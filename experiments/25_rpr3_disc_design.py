@@ -11,6 +11,8 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle
 
 import jaxkin as jk
 
@@ -45,7 +47,7 @@ def grid(wanted: jk.design.Problem, design: jk.design.Design, names: tuple[str, 
     return first, second, np.asarray(radius).reshape(n, n)
 
 
-def draw_place(robot: jk.Mechanism, center: np.ndarray, radius: float, axes: plt.Axes) -> None:
+def draw_place(robot: jk.Mechanism, center: np.ndarray, radius: float, axes: Axes) -> None:
     """Draws what bounds the disc at three angles: singularities (full) and leg limits (dashed)."""
     for turn, colour in ((-TURN, "#0072B2"), (0.0, "#000000"), (TURN, "#D55E00")):
         poses = jk.Grid(x=(-25.0, 40.0, 261), y=(-35.0, 40.0, 301), phi=turn)
@@ -57,7 +59,7 @@ def draw_place(robot: jk.Mechanism, center: np.ndarray, radius: float, axes: plt
         axes.contour(x, y, least, [0.0], colors=colour, linestyles="--", linewidths=0.9)
         axes.plot([], [], color=colour, label=f"φ = {math.degrees(turn):+.0f}°" if turn else "φ = 0°")
     if radius > 0:
-        axes.add_patch(plt.Circle(tuple(center[:2]), radius, color="#009E73", alpha=0.35))
+        axes.add_patch(Circle(tuple(center[:2]), radius, color="#009E73", alpha=0.35))
     axes.plot(*center[:2], "+", color="black")
     axes.set(xlabel="x (length)", ylabel="y (length)", aspect="equal")
 

@@ -12,6 +12,8 @@ import jax.numpy as jnp
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start
+from matplotlib.axes import Axes
+from matplotlib.patches import Rectangle
 
 import jaxkin as jk
 
@@ -49,8 +51,9 @@ def grid(wanted: jk.design.Problem, design: jk.design.Design, n: int) -> tuple[n
     return x, side, np.asarray(jax.jit(lambda a, b: jax.lax.map(one, (a, b)))(x.ravel(), side.ravel())).reshape(n, n)
 
 
-def draw_slices(robot: jk.Mechanism, center: np.ndarray, half: float, title: str, panels: list[plt.Axes]) -> None:
+def draw_slices(robot: jk.Mechanism, center: np.ndarray, half: float, title: str, panels: list[Axes]) -> None:
     """Draws the least margin of all limits over phi and theta, at the cube's lower face, middle and upper face."""
+    drawn = None
     for axes, sigma in zip(panels, (-half, 0.0, half), strict=True):
         poses = jk.Grid(
             x=center[0], y=center[1], z=center[2], phi=(-0.8, 0.8, 161), theta=(-0.8, 0.8, 161), sigma=sigma
@@ -63,15 +66,18 @@ def draw_slices(robot: jk.Mechanism, center: np.ndarray, half: float, title: str
             least.phi, least.theta, least, np.linspace(-0.6, 0.3, 10), cmap="RdBu", extend="both", vmin=-0.6, vmax=0.6
         )
         axes.contour(least.phi, least.theta, least, [0.0], colors="black", linewidths=1.2)
-        axes.add_patch(plt.Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ec="#D55E00", lw=2.0))
+        axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ec="#D55E00", lw=2.0))
         axes.set(xlabel="φ (rad)", ylabel="θ (rad)", aspect="equal", title=f"{title}, σ = {sigma:+.3f}")
+    assert drawn is not None
     panels[-1].figure.colorbar(drawn, ax=panels, label="least margin of the strokes (length)", shrink=0.9)
 
 
 def main() -> None:
     folder = start("27", __doc__)
     wanted = problem()
-    free = jk.design.regular_size(wanted.robot, wanted.objective.place, limits=False, most=2.5).measured(wanted.robot)
+    place = wanted.objective.place
+    assert place is not None
+    free = jk.design.regular_size(wanted.robot, place, limits=False, most=2.5).measured(wanted.robot)
     print(f"without strokes: {free}; arcsin(1 / plastic number) = {math.asin(0.7548776662466927):.13f}")
     before = wanted.objective.measured(wanted.robot)
     design = jk.design.optimise(wanted, starts=8, steps=80)
