@@ -18,7 +18,7 @@ FLOOR, THICK, STROKE = 0.4, 40.0, (-150.0, 150.0)
 RADII, HEIGHTS = (350.0, 1000.0), (350.0, 900.0)
 
 
-def build(base_radius: float, height: float) -> jk.Mechanism:
+def build(base_radius: float | jax.Array, height: float | jax.Array) -> jk.Mechanism:
     """Makes the robot; the initial lengths follow from both sizes."""
     return jk.mechanisms.tlpm.create(base_radius, height, stroke=STROKE, a=THICK)
 
