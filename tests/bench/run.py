@@ -22,6 +22,7 @@ SUITES: dict[str, int | None] = {
     "sections": 1,
     "spatial": 1,
     "conditioning": 1,
+    "design": 1,
     "topology": None,
     "two_cores": None,
     "memory": None,
