@@ -54,6 +54,8 @@ def draw_section(robot: jk.mechanisms.rpr3.AnalyticRPR3, place: np.ndarray, ax: 
     curves = jk.singular_curves(robot, grid)
     jk.plot.section(counts, ax=ax, curves=curves, cusps=jk.cusps(robot, grid))
     ax.plot(*place, "x", color="#0072B2", markersize=13, markeredgewidth=2.4, zorder=9)
+    look = {"textcoords": "offset points", "xytext": (9, -14), "color": "#0072B2", "zorder": 9}
+    ax.annotate("wanted", (float(place[0]), float(place[1])), **look)
     ax.set_title(f"{word}: $c_3$ = {float(robot.c3):.4g}, $d_3$ = {float(robot.d3):.4g}", fontsize="medium")
 
 
@@ -83,7 +85,8 @@ def main() -> None:
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.0, 4.4), layout="constrained")
     sizes = {name: (*ends, n) for (name, ends), n in zip(BOUNDS.items(), (51, 31), strict=True)}
     result = jk.sweep(begin, atlas.smoothed_objective(distance), jk.Grid(c2=1.0, **sizes))
-    jk.plot.design_map(result, design, ax=left)
+    # Members without a cusp in the section have its diagonal for a distance.
+    jk.plot.design_map(result.where(result < 1.4 * HIGH), design, ax=left)
     for c3, d3 in members[1:]:
         left.plot(c3, d3, "*", color="#D55E00", markeredgecolor="black", markersize=13, zorder=6)
     jk.plot.design_history(design, right)

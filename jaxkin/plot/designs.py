@@ -67,7 +67,7 @@ def design_history(design: Design, ax: Axes | None = None) -> Axes:
     if history.sizes.get("step", 0) and "refined_objective" in history:
         ax.axvline(history.sizes["step"] - 0.5, color="black", linewidth=0.6, linestyle=(0, (4, 3)))
     ax.set_xlabel("step (gradient method, then refinement)" if "refined_objective" in history else "step")
-    ax.set_ylabel(style.axis_label(objective.name, objective.unit) if objective.unit != "1" else objective.name)
+    ax.set_ylabel(objective.name if objective.unit == "1" else f"{objective.name} ({objective.unit})")
     ax.set_title("verified" if design.verified else "not verified", fontsize="medium")
     ax.legend(handles=handles, fontsize="small", frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax
@@ -243,7 +243,7 @@ def design_map(result: xarray.Dataset, design: Design, variable: str | None = No
     handles += ax.plot(*place, color=colour, zorder=6, clip_on=False, label="design", **look)
     ax.axis(window)
     ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, frameon=False, fontsize="small"
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3, frameon=False, fontsize="small"
     )
     return ax
 
