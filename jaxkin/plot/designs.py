@@ -81,7 +81,7 @@ def _draw_steps(history: xarray.Dataset, ax: Axes) -> list[Line2D]:
     for keeps, dashes, text in ((True, "solid", "starts"), (False, (0, (1, 2)), "starts, violated")):
         # A step on either side of a border belongs to both, so that no line is torn.
         here = feasible == keeps
-        near = here | np.roll(here, 1, axis=0) | np.roll(here, -1, axis=0) if not keeps else here
+        near = here if keeps else _widened(here)
         if here.any():
             lines = ax.plot(steps, np.where(near, value, np.nan), color=_GREY, linewidth=0.7, linestyle=dashes)
             lines[0].set_label(text)
@@ -91,6 +91,14 @@ def _draw_steps(history: xarray.Dataset, ax: Axes) -> list[Line2D]:
         best = np.where(np.isfinite(best), best, np.nan)
         handles += ax.plot(steps, best, color=_BEST, linewidth=2.4, zorder=4, label="best so far")
     return handles
+
+
+def _widened(here: np.ndarray) -> np.ndarray:
+    """Adds the step before and the one after to marked steps ``(step, start)``."""
+    wide = here.copy()
+    wide[1:] |= here[:-1]
+    wide[:-1] |= here[1:]
+    return wide
 
 
 def _draw_refined(history: xarray.Dataset, ax: Axes, first: int) -> Line2D:
