@@ -7,6 +7,7 @@ and knows nothing of closed forms. Known answer: distance zero; by the closed fo
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start
+from matplotlib.axes import Axes
 
 import jaxkin as jk
 from jaxkin.design import atlas
@@ -48,7 +49,7 @@ def found_members(problem: jk.design.Problem, design: jk.design.Design) -> list[
     return distinct
 
 
-def draw_section(robot: jk.mechanisms.rpr3.AnalyticRPR3, place: np.ndarray, ax: plt.Axes, word: str) -> None:
+def draw_section(robot: jk.mechanisms.rpr3.AnalyticRPR3, place: np.ndarray, ax: Axes, word: str) -> None:
     grid = jk.Grid(rho1=(0.0, HIGH, 401), rho2=1.0, rho3=(0.0, HIGH, 401))
     counts = jk.sweep(robot, "forward_count", grid)
     curves = jk.singular_curves(robot, grid)
@@ -79,7 +80,7 @@ def main() -> None:
 
     figure, panels = plt.subplots(1, 2, figsize=(12.5, 4.4), layout="constrained")
     draw_section(begin, place, panels[0], "before")
-    draw_section(design.robot, place, panels[1], "after")
+    draw_section(member(design.values["c3"], design.values["d3"]), place, panels[1], "after")
     save(figure, folder, "cusp_before_after")
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.0, 4.4), layout="constrained")
