@@ -26,7 +26,7 @@ def build(base_radius: float) -> jk.mechanisms.tlpm.TLPM:
 def main() -> None:
     folder = start("22", __doc__)
     robot = build(590.0)
-    home = jk.design.poses(robot, [0.0, 0.0, 0.0])
+    home = jk.design.poses(robot, np.zeros(3))
     measures = {norm: jk.design.inverse_condition_number(robot, home, norm=norm) for norm in NORMS}
     designs = {}
     for norm, measure in measures.items():

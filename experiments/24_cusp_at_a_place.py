@@ -7,6 +7,7 @@ and knows nothing of closed forms. Known answer: distance zero; by the closed fo
 import matplotlib.pyplot as plt
 import numpy as np
 from _common import save, start
+from matplotlib.axes import Axes
 
 import jaxkin as jk
 from jaxkin.design import atlas
@@ -48,12 +49,14 @@ def found_members(problem: jk.design.Problem, design: jk.design.Design) -> list[
     return distinct
 
 
-def draw_section(robot: jk.mechanisms.rpr3.AnalyticRPR3, place: np.ndarray, ax: plt.Axes, word: str) -> None:
+def draw_section(robot: jk.mechanisms.rpr3.AnalyticRPR3, place: np.ndarray, ax: Axes, word: str) -> None:
     grid = jk.Grid(rho1=(0.0, HIGH, 401), rho2=1.0, rho3=(0.0, HIGH, 401))
     counts = jk.sweep(robot, "forward_count", grid)
     curves = jk.singular_curves(robot, grid)
     jk.plot.section(counts, ax=ax, curves=curves, cusps=jk.cusps(robot, grid))
     ax.plot(*place, "x", color="#0072B2", markersize=13, markeredgewidth=2.4, zorder=9)
+    look = {"textcoords": "offset points", "xytext": (9, -14), "color": "#0072B2", "zorder": 9}
+    ax.annotate("wanted", (float(place[0]), float(place[1])), **look)
     ax.set_title(f"{word}: $c_3$ = {float(robot.c3):.4g}, $d_3$ = {float(robot.d3):.4g}", fontsize="medium")
 
 
@@ -77,13 +80,14 @@ def main() -> None:
 
     figure, panels = plt.subplots(1, 2, figsize=(12.5, 4.4), layout="constrained")
     draw_section(begin, place, panels[0], "before")
-    draw_section(design.robot, place, panels[1], "after")
+    draw_section(member(design.values["c3"], design.values["d3"]), place, panels[1], "after")
     save(figure, folder, "cusp_before_after")
 
     figure, (left, right) = plt.subplots(1, 2, figsize=(12.0, 4.4), layout="constrained")
     sizes = {name: (*ends, n) for (name, ends), n in zip(BOUNDS.items(), (51, 31), strict=True)}
     result = jk.sweep(begin, atlas.smoothed_objective(distance), jk.Grid(c2=1.0, **sizes))
-    jk.plot.design_map(result, design, ax=left)
+    # Members without a cusp in the section have its diagonal for a distance.
+    jk.plot.design_map(result.where(result < 1.4 * HIGH), design, ax=left)
     for c3, d3 in members[1:]:
         left.plot(c3, d3, "*", color="#D55E00", markeredgecolor="black", markersize=13, zorder=6)
     jk.plot.design_history(design, right)

@@ -17,14 +17,14 @@ from jaxkin.design import atlas
 from jaxkin.plot.designs import draw_place
 
 #: Signs of both legs.
-MODE = (1, -1)
+MODE = (-1, 1)
 #: The plane in the pictures.
 XS, YS = (-3.0, 4.0), (-0.7, 4.3)
 #: Cranks and rods of the map around the optimum: shares of theirs, and samples along each.
 AROUND = (0.7, 1.4, 71)
 
 
-def conditioning_map(robot: jk.mechanisms.five_bar.FiveBar) -> xarray.DataArray:
+def conditioning_map(robot: jk.Mechanism) -> xarray.DataArray:
     """Returns the inverse condition number over the plane in the working mode, NaN out of reach."""
     x, y = np.linspace(*XS, 176), np.linspace(*YS, 126)
     plane = jk.design.box(robot, {"x": len(x), "y": len(y)}, x=(x[0], x[-1]), y=(y[0], y[-1]))
@@ -39,10 +39,10 @@ def conditioning_map(robot: jk.mechanisms.five_bar.FiveBar) -> xarray.DataArray:
     )
 
 
-def draw_map(robot: jk.mechanisms.five_bar.FiveBar, design: jk.design.Design, center: object, ax: Axes) -> None:
+def draw_map(robot: jk.Mechanism, design: jk.design.Design, center: object, ax: Axes) -> None:
     jk.plot.section(conditioning_map(robot), ax=ax)
     ax.images[-1].set_clim(0.0, 1.0)
-    ax.plot([0.0, float(robot.base)], [0.0, 0.0], "s", color="black", markersize=5)
+    ax.plot([0.0, float(robot.geometry()["base"])], [0.0, 0.0], "s", color="black", markersize=5)
     place = design.problem.objective.place
     assert place is not None
     draw_place(place, ax, center)  # type: ignore[arg-type]

@@ -67,7 +67,7 @@ def design_history(design: Design, ax: Axes | None = None) -> Axes:
     if history.sizes.get("step", 0) and "refined_objective" in history:
         ax.axvline(history.sizes["step"] - 0.5, color="black", linewidth=0.6, linestyle=(0, (4, 3)))
     ax.set_xlabel("step (gradient method, then refinement)" if "refined_objective" in history else "step")
-    ax.set_ylabel(style.axis_label(objective.name, objective.unit) if objective.unit != "1" else objective.name)
+    ax.set_ylabel(objective.name if objective.unit == "1" else f"{objective.name} ({objective.unit})")
     ax.set_title("verified" if design.verified else "not verified", fontsize="medium")
     ax.legend(handles=handles, fontsize="small", frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax
@@ -81,7 +81,7 @@ def _draw_steps(history: xarray.Dataset, ax: Axes) -> list[Line2D]:
     for keeps, dashes, text in ((True, "solid", "starts"), (False, (0, (1, 2)), "starts, violated")):
         # A step on either side of a border belongs to both, so that no line is torn.
         here = feasible == keeps
-        near = here | np.roll(here, 1, axis=0) | np.roll(here, -1, axis=0) if not keeps else here
+        near = here if keeps else _widened(here)
         if here.any():
             lines = ax.plot(steps, np.where(near, value, np.nan), color=_GREY, linewidth=0.7, linestyle=dashes)
             lines[0].set_label(text)
@@ -91,6 +91,14 @@ def _draw_steps(history: xarray.Dataset, ax: Axes) -> list[Line2D]:
         best = np.where(np.isfinite(best), best, np.nan)
         handles += ax.plot(steps, best, color=_BEST, linewidth=2.4, zorder=4, label="best so far")
     return handles
+
+
+def _widened(here: np.ndarray) -> np.ndarray:
+    """Adds the step before and the one after to marked steps ``(step, start)``."""
+    wide = here.copy()
+    wide[1:] |= here[:-1]
+    wide[:-1] |= here[1:]
+    return wide
 
 
 def _draw_refined(history: xarray.Dataset, ax: Axes, first: int) -> Line2D:
@@ -243,7 +251,7 @@ def design_map(result: xarray.Dataset, design: Design, variable: str | None = No
     handles += ax.plot(*place, color=colour, zorder=6, clip_on=False, label="design", **look)
     ax.axis(window)
     ax.legend(
-        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.15), ncols=3, frameon=False, fontsize="small"
+        handles=handles, loc="upper center", bbox_to_anchor=(0.5, -0.18), ncols=3, frameon=False, fontsize="small"
     )
     return ax
 
