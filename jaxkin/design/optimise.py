@@ -286,7 +286,7 @@ class _Run:
             measured = one.measured(robot, center)
             worst = np.asarray(one.parts(robot, center))
             short = worst.min() - measured.value if one.worst == LEAST else measured.value - worst.max()
-            if measured.parameters is None or not short > 1e-9 * scale:
+            if measured.parameters is None or not short > 1e-7 * scale:
                 return one
             changed += 1
             return one.sharper(measured.parameters[None])
