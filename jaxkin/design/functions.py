@@ -10,6 +10,9 @@ from jax import Array
 from jaxkin.design.objective import Requirement
 from jaxkin.design.problem import Problem
 
+#: Designs that one compiled call judges.
+_BLOCK = 32
+
 
 class Judged(NamedTuple):
     """How a design does.
@@ -41,18 +44,27 @@ class Functions:
     def __init__(self, problem: Problem):
         self.problem = problem
         self.scale, self.scales = 1.0, np.ones(len(problem.subject_to))
-        self.judge_many = jax.jit(jax.vmap(self.judged))
+        self._judge = jax.jit(jax.vmap(self._judged, in_axes=(0, None)))
         self._parts = jax.jit(lambda z: problem.objective.parts(*problem.design(z)))
 
     def sized(self, judged: Judged) -> None:
-        """Takes the sizes of things from designs that were judged, before anything else is compiled."""
+        """Takes the sizes of things from designs that were judged, before what has them in it is compiled."""
         good = np.asarray(judged.fine)
         values, slack = np.asarray(judged.value)[good], np.asarray(judged.slack)[good]
         self.scale = float(np.median(np.abs(values))) or 1.0
         bounds = np.array([abs(one.bound) for one in self.problem.subject_to])
         spread = np.median(np.abs(slack), axis=0) if len(slack) else np.ones(len(bounds))
         self.scales = np.where((sizes := np.maximum(bounds, spread)) > 0, sizes, 1.0)
-        self.judge_many = jax.jit(jax.vmap(self.judged))
+
+    def judge_many(self, z: np.ndarray) -> Judged:
+        """Judges designs ``(k, p)``, as NumPy arrays; in blocks of one size, for which it is compiled once."""
+        rows, parts = np.atleast_2d(np.asarray(z)), []
+        for start in range(0, len(rows), _BLOCK):
+            some = rows[start : start + _BLOCK]
+            padded = np.concatenate([some, np.repeat(some[-1:], _BLOCK - len(some), axis=0)])
+            judged = self._judge(jnp.asarray(padded), jnp.asarray(self.scales))
+            parts.append([np.asarray(part)[: len(some)] for part in judged])
+        return Judged(*(np.concatenate(part) for part in zip(*parts, strict=True)))  # type: ignore[arg-type]
 
     def parts(self, z: Array) -> tuple[Array, list[Array]]:
         """Returns the objective's parts, and the slacks of the parts of each requirement, in their units."""
@@ -61,16 +73,19 @@ class Functions:
         return values, [one.slacks(one.objective.parts(robot, center)) for one in self.problem.subject_to]
 
     def judged(self, z: Array) -> Judged:
-        """Judges one design."""
+        """Judges one design; traceable."""
+        return self._judged(z, jnp.asarray(self.scales))
+
+    def _judged(self, z: Array, scales: Array) -> Judged:
         robot, center = self.problem.design(z)
         own = self.problem.objective.parts(robot, center)
         value = self.problem.objective.together(own)
         level = self.problem.sign * jnp.min(self.problem.sign * own) if self.has_level else value
         slack, hard = [], [jnp.asarray(jnp.inf)]
-        for one, scale in zip(self.problem.subject_to, self.scales, strict=True):
+        for k, one in enumerate(self.problem.subject_to):
             parts = one.objective.parts(robot, center)
             slack.append(_smooth_slack(one, parts))
-            hard.append(jnp.min(one.slacks(parts)) / scale)
+            hard.append(jnp.min(one.slacks(parts)) / scales[k])
         slacks = jnp.stack(slack) if slack else jnp.zeros(0)
         fine = jnp.isfinite(value) & jnp.all(jnp.isfinite(slacks)) & robot.geometry_ok()
         return Judged(value, level, slacks, jnp.min(jnp.stack(hard)), fine)

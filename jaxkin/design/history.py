@@ -37,9 +37,7 @@ class History:
             return
         p = len(self._problem.names)
         z = np.clip(np.array([y[:p] for y in iterates]), 0.0, 1.0)
-        # Padded to a few lengths, so that few are compiled.
-        padded = np.concatenate([z, np.repeat(z[-1:], -len(z) % 16, axis=0)])
-        judged = functions.judge_many(jnp.asarray(padded))
+        judged = functions.judge_many(z)
         for k, one in enumerate(z):
             self._refined.append((start, float(judged.value[k]), max(-float(judged.hard[k]), 0.0), one))
 

@@ -199,7 +199,7 @@ class _Run:
         """Walks all starts by the gradient method, if there is one; returns the best of each."""
         options = self._options
         if options.method in HARD_METHODS:
-            judged = self._functions.judge_many(jnp.asarray(self._starts))
+            judged = self._functions.judge_many(self._starts)
             violation = np.maximum(-np.asarray(judged.hard), 0.0)
             value = self._problem.sign * np.asarray(judged.value)
             return self._noted(Best(self._starts, value, np.where(violation <= FEASIBLE, 0.0, violation)))  # type: ignore[arg-type]
@@ -312,10 +312,9 @@ class _Run:
         """Returns the best candidate: feasible before infeasible, then by the objective's worst part."""
 
         def rank(one: _Candidate) -> tuple[float, float]:
-            z = jnp.asarray(one.z)
-            judged = one.functions.judge_many(z[None])
+            judged = one.functions.judge_many(one.z)
             violation = max(-float(judged.hard[0]), 0.0)
-            value = float(one.functions.level(one.z)) if bool(judged.fine[0]) else -math.inf
+            value = self._problem.sign * float(judged.level[0]) if judged.fine[0] else -math.inf
             return (violation if violation > 1e-8 else 0.0, -value)
 
         return min(self._found, key=rank)

@@ -63,7 +63,7 @@ def _neighbourhood(functions: Functions, z: np.ndarray, neighbours: int, radius:
     # Half of them at a hundredth of the distance: a ridge is narrower than its neighbourhood.
     reach = np.where(np.arange(neighbours) % 2, radius, radius / 100)[:, None]
     around = np.clip(z + reach * rng.uniform(-1.0, 1.0, (neighbours, len(z))), 0.0, 1.0)
-    judged = functions.judge_many(jnp.asarray(np.concatenate([z[None], around])))
+    judged = functions.judge_many(np.concatenate([z[None], around]))
     values = functions.problem.sign * np.asarray(judged.level)
     feasible = np.asarray(judged.fine & (judged.hard >= -1e-9))[1:]
     gain = np.where(feasible, values[1:] - values[0], -np.inf)

@@ -24,7 +24,7 @@ def checked_starts(functions: Functions, number: int, seed: int) -> np.ndarray:
     """
     problem = functions.problem
     starts = _spread(problem, number, seed)
-    judged = functions.judge_many(jnp.asarray(starts))
+    judged = functions.judge_many(starts)
     fine = np.asarray(judged.fine)
     _check_reach(problem, seed)
     if not fine.any():

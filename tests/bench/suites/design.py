@@ -128,7 +128,7 @@ def _at_once(name: str, problem: jk.design.Problem) -> list[Metric]:
     """A thousand designs, a hundred of Adam's steps each, compiling apart."""
     functions = Functions(problem)
     starts = np.random.default_rng(0).uniform(size=(DESIGNS, len(problem.names)))
-    functions.sized(functions.judge_many(jnp.asarray(starts)))
+    functions.sized(functions.judge_many(starts))
     walker = Steps(functions, adam(0.05, STEPS), STEPS)
 
     def walk() -> None:
@@ -176,7 +176,7 @@ def _rivals(name: str, problem: jk.design.Problem) -> list[Metric]:
     functions = Functions(problem)
     rng = np.random.default_rng(1)
     starts = rng.uniform(0.05, 0.95, size=(40, len(problem.names)))
-    functions.sized(functions.judge_many(jnp.asarray(starts)))
+    functions.sized(functions.judge_many(starts))
     bounds = [(0.0, 1.0)] * len(problem.names)
     scout = _Counted(functions, -math.inf)
     ends = [scipy.optimize.minimize(scout.both, z, jac=True, method="L-BFGS-B", bounds=bounds).fun for z in starts[:20]]
