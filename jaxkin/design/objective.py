@@ -27,7 +27,7 @@ class Measured:
         pose: ``(n_pose,)`` where it is attained, or None.
         part: Which limit, factor or joint attains it, or "".
         evidence: How it was found, in a few words.
-        parameters: ``(d,)`` the place's parameters of the pose, where a sample there would make the objective sharper.
+        parameters: ``(j, d)`` the place's parameters of bad poses between its samples, or None.
         proved: True where interval arithmetic proves the value up to its error.
     """
 

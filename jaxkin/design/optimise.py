@@ -33,7 +33,7 @@ _APART = 1e-2
 #: A parameter so close to an end of the unit cube is at its bound: methods behind a smooth map come near it only.
 _AT_BOUND = 1e-12
 #: How often samples are added where the worst pose lies between them.
-_SHARPENED = 4
+_SHARPENED = 3
 
 
 @dataclasses.dataclass(frozen=True)
@@ -289,7 +289,7 @@ class _Run:
             if measured.parameters is None or not short > 1e-7 * scale:
                 return one
             changed += 1
-            return one.sharper(measured.parameters[None])
+            return one.sharper(measured.parameters)
 
         old = chosen.functions
         wanted = sharper(old.problem.objective, old.scale)

@@ -18,6 +18,8 @@ Pointwise: TypeAlias = Callable[[Mechanism, tuple[Array, ...], Array], Array]
 
 #: The search for the worst pose starts from so many of the worst samples, of a grid so much denser.
 _STARTS, _DENSER = 12, 2
+#: Parameters closer than this are one pose.
+_SAME = 1e-6
 
 
 def worst_case(
@@ -101,7 +103,7 @@ class _Search:
     def __init__(self, at: Pointwise, place: Place, names: tuple[str, ...], worst: str):
         self._place, self._names = place, names
         self._sign = sign = 1.0 if worst == LEAST else -1.0
-        self._u = place.samples(_DENSER)
+        self._u, self._samples = place.samples(_DENSER), place.samples()
 
         def single(robot: Mechanism, center: Array | None, u: Array, part: Array) -> Array:
             pose = place.pose(robot, u, center)
@@ -122,15 +124,25 @@ class _Search:
         best = [divmod(int(k), len(self._names)) for k in np.argsort(values, axis=None)[:_STARTS]]
         sample, part = best[0]
         value, pose, error = float(values[sample, part]), poses[sample], 0.0
-        told, at = f"the worst of {len(values)} poses", None
+        told, ends = f"the worst of {len(values)} poses", []
         if self._place.listed is None and np.isfinite(value):
             told = f"polished from the worst {len(best)} of {len(values)} samples"
             for sample, one in best:
                 low, u, rest = self._descended(robot, center, self._u[sample], one)
+                ends.append(u)
                 if low < value:
-                    value, error, part, at = low, rest, one, u
+                    value, error, part = low, rest, one
                     pose = np.asarray(self._place.pose(robot, jnp.asarray(u), center))
-        return Measured(self._sign * value, max(error, 1e-14 * abs(value)), pose, self._names[part], told, at)
+        error, further = max(error, 1e-14 * abs(value)), self._between(ends)
+        return Measured(self._sign * value, error, pose, self._names[part], told, further)
+
+    def _between(self, ends: list[np.ndarray]) -> np.ndarray | None:
+        """Returns those ends of searches that are no samples of the place, ``(j, d)``, each once."""
+        kept: list[np.ndarray] = []
+        for u in ends:
+            if all(np.max(np.abs(u - other)) > _SAME for other in (*self._samples, *kept)):
+                kept.append(u)
+        return np.array(kept) if kept else None
 
     def _descended(
         self, robot: Mechanism, center: Array | None, start: np.ndarray, part: int

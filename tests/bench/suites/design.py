@@ -102,7 +102,7 @@ def _gradients() -> list[Metric]:
         "link clearance": (tlpm, design.clearance(tlpm, everywhere, width=1.0)),
         "regular disc": (rpr3, design.regular_size(rpr3, disc)),
         "number of regular workspaces": (five_bar, design.regular_workspaces(five_bar, window, 1.0)),
-        "distance to singularity": (rpr3, design.singularity_distance(rpr3, [10.0, -20.0, 0.1])),
+        "distance to singularity": (rpr3, design.singularity_distance(rpr3, np.array([10.0, -20.0, 0.1]))),
         "distance to cusp": (analytic, cusp().objective),
         "workspace volume": (tlpm, design.workspace_volume(tlpm)),
         "workspace area": (rpr3, design.workspace_volume(rpr3, phi=0.3)),
