@@ -74,6 +74,19 @@ def test_the_spatial_example_gives_the_numbers_in_its_comments():
     assert slope == pytest.approx((up - down) / 0.02, rel=1e-6)
 
 
+@pytest.mark.slow
+def test_the_design_example_gives_the_numbers_in_its_comments():
+    code = "import jaxkin as jk, jax\njk.enable_x64()\n" + block("design", "python")
+    printed = io.StringIO()
+    with contextlib.redirect_stdout(printed):
+        exec(code, {})
+    verdict, active, slope = printed.getvalue().splitlines()
+    assert verdict.split()[0] == "True"
+    assert float(verdict.split()[1]) == pytest.approx(0.94627197, abs=1e-8)
+    assert active == "('base >= 0.5', 'distal <= 9')"
+    assert math.isfinite(float(slope))
+
+
 def test_both_commands_stand_alone_and_ci_reads_the_test_command():
     for name in ("run", "test"):
         assert len(block(f"command: {name}", "sh").strip().splitlines()) == 1
