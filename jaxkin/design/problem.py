@@ -1,5 +1,6 @@
 """Problems: which numbers of a mechanism vary, what is wanted, what has to be kept."""
 
+import hashlib
 import inspect
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -181,7 +182,7 @@ class Problem:
                     name: [one.low, one.high, one.scale, one.start, list(one.sets)]
                     for name, one in self.parameters.items()
                 },
-                "build": None if self.build is None else getattr(self.build, "__qualname__", repr(type(self.build))),
+                "build": None if self.build is None else _named(self.build),
                 "sense": "maximise" if self.sign > 0 else "minimise",
                 "objective": self.objective.content or self.objective.name,
                 "subject_to": [
@@ -289,6 +290,15 @@ class Problem:
             return float(leaf_value(self.robot, leaf))
         except InputError:
             return None
+
+
+def _named(build: Callable[..., Mechanism]) -> str:
+    """Returns what tells a function that makes mechanisms from others: its name, and its source if that is at hand."""
+    name = getattr(build, "__qualname__", type(build).__qualname__)
+    try:
+        return f"{name} {hashlib.sha256(inspect.getsource(build).encode()).hexdigest()[:16]}"
+    except (OSError, TypeError):
+        return name
 
 
 def _check_twice(who: str, parameters: Mapping[str, Parameter]) -> None:
