@@ -327,7 +327,10 @@ def measured_points(walls: Walls, data: WallData, points: Array) -> tuple[Array,
         joints = walls.joints(data, pose)
         measures = raw_conditioning(data.robot, pose, joints)
         clearance = measures.smallest_singular_value
-        depth = jnp.minimum(clearance, _SERIAL * measures.inverse_condition_number / clearance)
+        serial = _SERIAL * measures.inverse_condition_number / clearance
+        # No ``jnp.minimum`` (equal, also for NaN): under jaxlib 0.12 LLVM's vectoriser takes exponentially long over
+        # what leads to it.
+        depth = jnp.where(clearance < serial, clearance, serial)
         return pose, joints, clearance, measures.determinant, depth
 
     return jax.vmap(one)(points)
