@@ -213,10 +213,10 @@ def regular_workspaces(
     legs = legs_of(robot) if robot.inverse_kernel is None else None
     modes: list[Any] = [None] if legs is None else list(legs.modes)
     options: dict[str, Any] = {"grows": grows, "limits": limits, "most": most}
-    each = [regular_size(robot, place, mode=mode, **options) for mode in modes]
+    each = [regular_size(robot, place, mode=mode, width=w, **options) for mode in modes]
 
     def parts(robot: Mechanism, center: Array | None) -> Array:
-        sizes = jnp.stack([jnp.min(one.parts(robot, center)) for one in each])
+        sizes = jnp.stack([one(robot, center) for one in each])
         return jnp.sum(jax.nn.sigmoid((sizes - size) / w))[None]
 
     def measured(robot: Mechanism, center: Array | None) -> Measured:
@@ -230,7 +230,10 @@ def regular_workspaces(
         parts=parts,
         worst=ONLY,
         width=0.0,
-        smoothing=f"each of {len(modes)} working modes counts by a logistic function of its size, of width {w:g}",
+        smoothing=(
+            f"each of {len(modes)} working modes counts by a logistic function of its size, of width {w:g}; the size "
+            "is that of regular_size with this width"
+        ),
         measure=measured,
         place=place,
         content={"objective": "regular workspaces", "each": each[0].content, "size": size, "width": w},
