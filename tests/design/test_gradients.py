@@ -198,8 +198,8 @@ def test_gradients_at_random_designs(name):
     assert_gradients(function, values, around(function, DESIGNS, 0.04))
 
 
-# Where det A = 0 ends at the end of a leg's reach there is no contact, and the shortest ray stands: such a part jumps from
-# ray to ray, and shows in the number of regular workspaces, whose smoothing mixes all parts.
+# Where det A = 0 ends at the end of a leg's reach there is no contact, and the shortest ray stands: such a part jumps
+# from ray to ray, and shows in the number of regular workspaces, whose smoothing mixes all parts.
 @pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in GENERIC if name != "regular workspaces"])
 def test_gradients_at_many_random_designs(name):
