@@ -16,6 +16,9 @@ from jaxkin.mapping.workspace import workspace_volume as volume_of
 from jaxkin.numerics import spheres
 from jaxkin.numerics.spheres import Shells
 
+#: Points in each interval of heights: optimisers ask often, and the proof measures with 64.
+_POINTS = 12
+
 
 def workspace_volume(robot: Mechanism, *, branch: str = "upper", phi: float = 0.0) -> Objective:
     """Returns the objective of the volume (in the plane: the area) that the limits leave of the workspace.
@@ -41,9 +44,10 @@ def workspace_volume(robot: Mechanism, *, branch: str = "upper", phi: float = 0.
         return _objective(
             "workspace volume",
             f"{robot.pose_axes[0].unit}^3",
-            lambda robot: volume_of(robot, branch).volume,
+            _volume,
             lambda robot: (float((found := volume_of(robot, branch)).volume), float(found.error)),
             {"branch": branch},
+            f"by {_POINTS} points between heights where slices change, within 3e-8 of the volume",
         )
     if not hasattr(robot, "reach_rings"):
         raise InputError(
@@ -64,7 +68,14 @@ def workspace_volume(robot: Mechanism, *, branch: str = "upper", phi: float = 0.
         return float(found.area), float(found.rounding)
 
     unit = f"{robot.pose_axes[0].unit}^2"
-    return _objective("workspace area", unit, area, with_error, {"phi": phi})
+    return _objective("workspace area", unit, area, with_error, {"phi": phi}, "arcs in closed form")
+
+
+def _volume(robot: Mechanism) -> Array:
+    """Returns the volume of one branch; both are mirror images. NaN where the geometry has none."""
+    shells, _ = robot.reach_spheres()  # type: ignore[attr-defined]
+    good = robot.geometry_ok() & jnp.all((shells.low > 0) & (shells.low < shells.high))
+    return jnp.where(good, spheres.volume(shells, _POINTS), jnp.nan)
 
 
 def ring_area(rings: Shells) -> Array:
@@ -84,6 +95,7 @@ def _objective(
     value: Callable[[Mechanism], Array],
     with_error: Callable[[Mechanism], tuple[float, float]],
     content: dict[str, object],
+    rule: str,
 ) -> Objective:
     kernel = jax.jit(value)
 
@@ -97,7 +109,7 @@ def _objective(
         parts=lambda robot, center: kernel(robot)[None],
         worst=ONLY,
         width=0.0,
-        smoothing="none: the boundary is integrated exactly, and so is its motion with the geometry",
+        smoothing=f"none: the boundary is integrated, and so is its motion with the geometry; {rule}",
         measure=measured,
         content={"objective": name, **content},
     )

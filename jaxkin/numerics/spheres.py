@@ -203,6 +203,18 @@ def _nodes(points: int) -> tuple[np.ndarray, np.ndarray]:
     return np.sin(math.pi * t / 2) ** 2, np.sin(math.pi * t) * weights * math.pi / 4
 
 
+def volume(shells: Shells, points: int) -> Array:
+    """Returns the volume of the body on one side of the plane, by so many points in each interval of heights.
+
+    The rule of ``body`` without its error: 12 points are right to about 1e-10 where no interval is short.
+    """
+    ends = breaks(shells)
+    low, width = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
+    shares, weights = _nodes(points)
+    area = jax.vmap(lambda w: section(shells, w).area)((low + width * shares).reshape(-1))
+    return jnp.sum((width * weights).reshape(-1) * area)
+
+
 def body(shells: Shells) -> Body:
     """Returns volume and areas of the body on one side of the plane.
 
