@@ -206,7 +206,7 @@ def _nodes(points: int) -> tuple[np.ndarray, np.ndarray]:
 def volume(shells: Shells, points: int) -> Array:
     """Returns the volume of the body on one side of the plane, by so many points in each interval of heights.
 
-    The rule of ``body`` without its error: 12 points are right to about 1e-10 where no interval is short.
+    The rule of ``body`` without its error: 16 points are right to about 1e-11 where the body does not touch the plane.
     """
     ends = breaks(shells)
     low, width = ends[:-1, None], (ends[1:] - ends[:-1])[:, None]
