@@ -68,10 +68,13 @@ class Growth:
         walls: What it must not meet.
         grows: Names of those axes of a box that grow; a ball's axes always do, what is beside it never does.
         most: Largest size that is looked at, in units of the place.
+        known: ``(j, ...)`` unknowns of contacts that rays may miss, from which Newton's method starts as well.
     """
 
-    def __init__(self, place: Place, walls: Walls, grows: tuple[str, ...], most: float):
-        self.place, self.walls, self.most = place, walls, most
+    def __init__(
+        self, place: Place, walls: Walls, grows: tuple[str, ...], most: float, known: np.ndarray | None = None
+    ):
+        self.place, self.walls, self.most, self.known = place, walls, most, known
         self.is_ball = bool(place.round)
         self.growing = place.round if self.is_ball else tuple(place.axes.index(name) for name in grows)
         self.spans = tuple(k for k in place.flat if k not in self.growing)
@@ -181,6 +184,13 @@ def contacts(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Arr
     return jnp.where(inside > 0, sizes, inside)
 
 
+def nearest_contact(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Array:
+    """Returns the unknowns of the nearest contact, without a ball's multiplier."""
+    found = _search(growth, rays, robot, center)
+    unknowns = found.unknowns[jnp.argmin(found.size)]
+    return unknowns[:-1] if growth.is_ball else unknowns
+
+
 def _slope_along(growth: Growth, which: Array, robot: Mechanism, center: Array, point: Array) -> Array:
     """Returns the wall's rate of change as the body grows through a point."""
 
@@ -222,8 +232,10 @@ def _search(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Cont
     def wall(which: Array) -> tuple[Array, Array, Array]:
         best = jnp.argsort(rough[:, which])[: rays.polished]
         lengths = jax.vmap(partial(crossing, which))(best)
-        polish = jax.vmap(lambda k, t: _polished(growth, which, robot, center, directions[k], t))
-        unknowns, size, arrived = polish(best, lengths)
+        starts = jax.vmap(lambda k, t: growth.along(directions[k], t))(best, lengths)
+        if growth.known is not None:
+            starts = jnp.concatenate([starts, jnp.asarray(growth.known)])
+        unknowns, size, arrived = jax.vmap(partial(_polished, growth, which, robot, center))(starts)
         limit = jnp.minimum(jnp.min(lengths), ends[which])
         good = arrived & (size <= limit * (1 + 1e-8)) & (limit < growth.most) & (size > 0)
         at, any_good = jnp.argmin(jnp.where(good, size, jnp.inf)), jnp.any(good)
@@ -268,10 +280,10 @@ def _with_multiplier(growth: Growth, which: Array, robot: Mechanism, center: Arr
 
 
 def _polished(
-    growth: Growth, which: Array, robot: Mechanism, center: Array, ray: Array, size: Array
+    growth: Growth, which: Array, robot: Mechanism, center: Array, point: Array
 ) -> tuple[Array, Array, Array]:
     """Returns unknowns, size, and whether Newton's method has arrived."""
-    start = _with_multiplier(growth, which, robot, center, growth.along(ray, size))
+    start, size = _with_multiplier(growth, which, robot, center, point), growth.size(point)
     scale = jnp.where(size > 0, size, 1.0)
 
     def function(u: Array) -> Array:

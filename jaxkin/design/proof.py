@@ -13,6 +13,8 @@ from jaxkin.design.outcome import Kept, Neighbourhood
 _KEPT, _ACTIVE = 1e-7, 1e-5
 #: A neighbour is better only by more than this share of the objective.
 _BETTER = 1e-7
+#: A smoothed objective that is better than the measured one by more than this share was led astray by its samples.
+_OPTIMISTIC = 0.01
 
 
 class Verdict(NamedTuple):
@@ -40,6 +42,10 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
     objective = problem.objective.measured(robot, center)
     if not np.isfinite(objective.value):
         failures.append(f"The {problem.objective.name} is {objective.value} without smoothing.")
+    elif problem.sign * (short := float(problem.objective(robot, center)) - objective.value) > _OPTIMISTIC * abs(
+        objective.value
+    ):
+        failures.append(f"The smoothed {problem.objective.name} is better by {abs(short):.3g} than what was measured.")
     kept = []
     for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)

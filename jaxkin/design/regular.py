@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.design.enclosed import proved_free
-from jaxkin.design.growing import Growth, Rays, contacts
+from jaxkin.design.growing import Growth, Rays, contacts, nearest_contact
 from jaxkin.design.objective import LEAST, ONLY, Measured, Objective, checked_width
 from jaxkin.design.places import Place, poses
 from jaxkin.design.walls import walls_of
@@ -34,6 +34,7 @@ def regular_size(
     mode: Sequence[int] | None = None,
     most: float = 10.0,
     width: float = 0.0,
+    known: np.ndarray | None = None,
 ) -> Objective:
     """Returns the objective of the largest regular workspace about a pose: without singularities, within limits.
 
@@ -49,6 +50,7 @@ def regular_size(
         mode: The working mode, one sign a joint; needed where there are several.
         most: Largest size that is looked at, in sizes of the place.
         width: Width of the smoothing between walls, in the unit; 0 takes the nearest wall.
+        known: Contacts that the rays may miss; an optimisation adds those that it has measured.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -57,7 +59,7 @@ def regular_size(
     Points of contact solve Lagrange's conditions (see ``jaxkin.design.growing``): derivatives are those of the size.
     """
     who = "jk.design.regular_size"
-    growth = _growth(who, robot, place, grows, limits, mode, most)
+    growth = _growth(who, robot, place, grows, limits, mode, most, known)
     first = growth.growing[0]
     unit = float(place.half[first])
     names = growth.walls.names
@@ -67,6 +69,12 @@ def regular_size(
         return unit * contacts(growth, _RAYS, robot, place.middle(robot, center))
 
     finer = jax.jit(partial(contacts, growth, _MORE_RAYS))
+    nearest = jax.jit(partial(nearest_contact, growth, _MORE_RAYS))
+
+    def sharper(contact: np.ndarray) -> Objective:
+        more = contact if known is None else np.concatenate([known, contact])
+        options: dict[str, Any] = {"grows": grows, "limits": limits, "mode": mode, "most": most, "width": width}
+        return regular_size(robot, place, **options, known=more)
 
     def measured(robot: Mechanism, center: Array | None) -> Measured:
         middle = place.middle(robot, center)
@@ -80,6 +88,7 @@ def regular_size(
             unit * abs(size) * (_PROVED_SHARE if proof else 1e-9),
             part=names[which] if size < growth.most else "no wall",
             evidence=f"{told}; {proof}" if proof else told,
+            parameters=np.asarray(nearest(robot, middle))[None] if size > 0 else None,
             proved=bool(proof),
         )
 
@@ -96,6 +105,7 @@ def regular_size(
         measure=measured,
         place=place,
         names=names,
+        sharper=sharper,
         content={
             "objective": "regular workspace",
             "place": place.content(),
@@ -248,6 +258,7 @@ def _growth(
     limits: bool | Sequence[str],
     mode: Sequence[int] | None,
     most: float,
+    known: np.ndarray | None = None,
 ) -> Growth:
     if not isinstance(place, Place) or place.kind not in ("box", "ball"):
         raise InputError(f"{who} got {place!r} as its place: make a box or a ball by jk.design.box or jk.design.ball.")
@@ -264,4 +275,4 @@ def _growth(
         raise InputError(f"{who}: nothing grows: name at least one of {', '.join(free)}.")
     if not (np.isfinite(most) and most > 0):
         raise InputError(f"{who}: most is {most!r}: it must be a positive number.")
-    return Growth(place, walls_of(who, robot, place.center, mode, limits), chosen, float(most))
+    return Growth(place, walls_of(who, robot, place.center, mode, limits), chosen, float(most), known)

@@ -147,7 +147,8 @@ class _Counted:
     def __init__(self, functions: Functions, reach: float):
         self._loss = jax.jit(lambda z: functions.loss(z, jnp.asarray(1e3))[0])
         self._slope = jax.jit(jax.value_and_grad(lambda z: functions.loss(z, jnp.asarray(1e3))[0]))
-        middle = jnp.full(len(functions.problem.names), 0.5)
+        # As the methods give it: what is compiled for another kind of number would be compiled again, and timed.
+        middle = jnp.asarray(np.full(len(functions.problem.names), 0.5))
         jax.block_until_ready((self._loss(middle), self._slope(middle)))
         self._reach, self.calls, self.at, self.seconds = reach, 0, math.inf, math.inf
         self._began = time.perf_counter()
