@@ -138,7 +138,7 @@ def _at_once(name: str, problem: jk.design.Problem) -> list[Metric]:
     for _ in range(steps // CHUNK):
         state, _ = walker.chunk(state)
     found = [duration(f"design: {DESIGNS} designs, {steps} steps, problem ({name})", time.perf_counter() - compiled)]
-    return [*found, duration(f"design: the same, first {CHUNK} steps with compiling", compiled - began)]
+    return [*found, duration(f"design: first {CHUNK} steps with compiling, problem ({name})", compiled - began)]
 
 
 class _Counted:
