@@ -20,9 +20,9 @@ TURN = math.pi / 6
 VARY = {
     "center.x": (-10.0, 25.0),
     "center.y": (-20.0, 25.0),
-    "l2": (6.0, 24.0),
-    "l3": (6.0, 24.0),
-    "beta": (0.3, 2.6),
+    "l2": (10.0, 24.0),
+    "l3": (10.0, 24.0),
+    "beta": (0.6, 2.6),
 }
 
 
@@ -67,7 +67,7 @@ def draw_place(robot: jk.Mechanism, center: np.ndarray, radius: float, axes: Axe
 def main() -> None:
     folder = start("25", __doc__)
     wanted = problem()
-    design = jk.design.optimise(wanted, starts=32, steps=80)
+    design = jk.design.optimise(wanted, starts=16, steps=60)
     print(design)
     figure, panels = plt.subplots(1, 2, figsize=(10.0, 5.6), layout="constrained")
     place = wanted.objective.place

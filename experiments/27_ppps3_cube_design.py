@@ -2,7 +2,8 @@
 
 All nine prismatic joints have strokes of length 1, about the joints' values at home (side 1). The platform's side and
 the place of its point C1 vary. Without strokes the cube ends where R22 vanishes at a corner, cos^2 t = sin^3 t: sin t
-is the inverse of the plastic number. A grid over the side and x confirms the optimum.
+is the inverse of the plastic number. A grid over the side and x confirms the optimum, which is
+a plateau: the strokes along z bind, whatever x is within bounds.
 """
 
 import math

@@ -34,7 +34,6 @@ def regular_size(
     mode: Sequence[int] | None = None,
     most: float = 10.0,
     width: float = 0.0,
-    known: np.ndarray | None = None,
 ) -> Objective:
     """Returns the objective of the largest regular workspace about a pose: without singularities, within limits.
 
@@ -50,7 +49,6 @@ def regular_size(
         mode: The working mode, one sign a joint; needed where there are several.
         most: Largest size that is looked at, in sizes of the place.
         width: Width of the smoothing between walls, in the unit; 0 takes the nearest wall.
-        known: Contacts that the rays may miss; an optimisation adds those that it has measured.
 
     Raises:
         PrecisionError: float64 is not enabled.
@@ -58,12 +56,19 @@ def regular_size(
 
     Points of contact solve Lagrange's conditions (see ``jaxkin.design.growing``): derivatives are those of the size.
     """
-    who = "jk.design.regular_size"
-    growth = _growth(who, robot, place, grows, limits, mode, most, known)
+    options: dict[str, Any] = {"grows": grows, "limits": limits, "mode": mode, "most": most, "width": width}
+    return _regular_size(robot, place, options, None)
+
+
+def _regular_size(robot: Mechanism, place: Place, options: dict[str, Any], known: np.ndarray | None) -> Objective:
+    """Returns the objective of ``regular_size``, with contacts that its rays may miss."""
+    who, most = "jk.design.regular_size", options["most"]
+    o = options
+    growth = _growth(who, robot, place, o["grows"], o["limits"], o["mode"], most, known)
     first = growth.growing[0]
     unit = float(place.half[first])
     names = growth.walls.names
-    w = checked_width(who, width)
+    w = checked_width(who, options["width"])
 
     def parts(robot: Mechanism, center: Array | None) -> Array:
         return unit * contacts(growth, _RAYS, robot, place.middle(robot, center))
@@ -72,9 +77,7 @@ def regular_size(
     nearest = jax.jit(partial(nearest_contact, growth, _MORE_RAYS))
 
     def sharper(contact: np.ndarray) -> Objective:
-        more = contact if known is None else np.concatenate([known, contact])
-        options: dict[str, Any] = {"grows": grows, "limits": limits, "mode": mode, "most": most, "width": width}
-        return regular_size(robot, place, **options, known=more)
+        return _regular_size(robot, place, options, contact if known is None else np.concatenate([known, contact]))
 
     def measured(robot: Mechanism, center: Array | None) -> Measured:
         middle = place.middle(robot, center)
