@@ -11,7 +11,7 @@ from jax import Array
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism, scale_vector
-from jaxkin.design.configurations import Coordinates, Posture, posture_of
+from jaxkin.design.configurations import Coordinates, Posture, posture_over
 from jaxkin.design.objective import ONLY, Measured, Objective, checked_width
 from jaxkin.design.places import Place
 from jaxkin.design.worst_case import worst_case
@@ -143,13 +143,11 @@ def _conditioned(
     who: str, robot: Mechanism, place: Place, length: float | None, mode: Sequence[int] | None, norm: str, index: int
 ) -> tuple[Callable[..., Array], Callable[..., Array] | None, dict[str, Any]]:
     """Returns the function of the pose, that of the legs' reach if they can miss it, and what determines them."""
-    if not isinstance(place, Place):
-        raise InputError(f"{who} got {place!r} as its place: make one by jk.design.box, ball, poses or reach.")
+    posture = posture_over(who, robot, place, mode)
     if norm not in _NORMS:
         raise InputError(f"{who}: norm is {norm!r}: it must be 'spectral' or 'frobenius'.")
     if length is not None and not (np.isfinite(length) and length > 0):
         raise InputError(f"{who}: length is {length!r}: it must be a positive number.")
-    posture = posture_of(who, robot, mode, place.center if place.listed is None else place.listed[0])
     at = partial(_at, posture, length, norm, index, place.listed is None)
     return at, posture.inside, {"length": length, "mode": list(posture.signs), "norm": norm}
 

@@ -11,6 +11,7 @@ from jax import Array
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.design.places import Place
 from jaxkin.kinematics.boundary import checked_single
 from jaxkin.kinematics.legs import LegKind, Legs, leg_discriminants, leg_joints, legs_of
 
@@ -100,6 +101,17 @@ def posture_of(who: str, robot: Mechanism, mode: Sequence[int] | None, pose: np.
             raise InputError(f"{who}: mode is {mode!r}: a {type(robot).__name__} has one working mode; leave it out.")
         return Posture(None)
     return _by_legs(who, robot, mode, pose)
+
+
+def posture_over(who: str, robot: Mechanism, place: Place, mode: Sequence[int] | None) -> Posture:
+    """Returns ``posture_of`` at the pose of a place that stands for it.
+
+    Raises:
+        InputError: It is no place, or as for ``posture_of``.
+    """
+    if not isinstance(place, Place):
+        raise InputError(f"{who} got {place!r} as its place: make one by jk.design.box, ball, poses or reach.")
+    return posture_of(who, robot, mode, place.representative)
 
 
 def legs_posture(robot: Mechanism, posture: Posture, pose: np.ndarray) -> Posture | None:

@@ -7,7 +7,6 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from jaxkin.design.objective import Requirement
 from jaxkin.design.problem import Problem
 
 #: Designs that one compiled call judges.
@@ -84,7 +83,7 @@ class Functions:
         slack, hard = [], [jnp.asarray(jnp.inf)]
         for k, one in enumerate(self.problem.subject_to):
             parts = one.objective.parts(robot, center)
-            slack.append(_smooth_slack(one, parts))
+            slack.append(one.smooth_slack(parts))
             hard.append(jnp.min(one.slacks(parts)) / scales[k])
         slacks = jnp.stack(slack) if slack else jnp.zeros(0)
         fine = jnp.isfinite(value) & jnp.all(jnp.isfinite(slacks)) & robot.geometry_ok()
@@ -130,8 +129,3 @@ class Functions:
         if self.has_level:
             return float(jnp.min(self.problem.sign * values)) / self.scale
         return self.problem.sign * float(self.problem.objective.together(values)) / self.scale
-
-
-def _smooth_slack(one: Requirement, parts: Array) -> Array:
-    sign = 1.0 if one.sense == ">=" else -1.0
-    return sign * (one.objective.together(parts) - one.bound)

@@ -165,8 +165,19 @@ def contacts(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Arr
     Where the middle itself violates a limit or a reach (or where a singularity passes through it, for some value of the
     spans) the size is negative: the wall's value over its slope, the way back to first order.
     """
+    return _sizes(growth, rays, robot, center, _search(growth, rays, *jax.lax.stop_gradient((robot, center))))
+
+
+def contacts_and_nearest(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> tuple[Array, Array]:
+    """Returns ``contacts``, and the unknowns of the nearest contact, without a ball's multiplier."""
+    found = _search(growth, rays, robot, center)
+    unknowns = found.unknowns[jnp.argmin(found.size)]
+    return _sizes(growth, rays, robot, center, found), unknowns[:-1] if growth.is_ball else unknowns
+
+
+def _sizes(growth: Growth, rays: Rays, robot: Mechanism, center: Array, found: Contact) -> Array:
+    """Returns the sizes of contacts that were found, with their derivatives."""
     still, middle = jax.lax.stop_gradient((robot, center))
-    found = _search(growth, rays, still, middle)
     inside = _at_middle(growth, rays, robot, center)
 
     def one(which: Array, unknowns: Array, arrived: Array, size: Array) -> Array:
@@ -182,13 +193,6 @@ def contacts(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Arr
 
     sizes = jax.vmap(one)(jnp.arange(len(growth.walls.names)), found.unknowns, found.arrived, found.size)
     return jnp.where(inside > 0, sizes, inside)
-
-
-def nearest_contact(growth: Growth, rays: Rays, robot: Mechanism, center: Array) -> Array:
-    """Returns the unknowns of the nearest contact, without a ball's multiplier."""
-    found = _search(growth, rays, robot, center)
-    unknowns = found.unknowns[jnp.argmin(found.size)]
-    return unknowns[:-1] if growth.is_ball else unknowns
 
 
 def _slope_along(growth: Growth, which: Array, robot: Mechanism, center: Array, point: Array) -> Array:

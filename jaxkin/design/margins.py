@@ -11,7 +11,7 @@ from jax import Array
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
-from jaxkin.design.configurations import Coordinates, Posture, posture_of
+from jaxkin.design.configurations import Coordinates, Posture, posture_over
 from jaxkin.design.objective import MOST, Measured, Objective, checked_width
 from jaxkin.design.places import Place
 from jaxkin.design.worst_case import worst_case
@@ -43,7 +43,9 @@ def limit_margin(
         limits = [
             f"{axis}_{end}" for field in robot.limit_fields().values() for axis in field for end in ("low", "high")
         ]
-        names = [name for name in _finite_margins(who, robot, place, mode) if name in limits]
+        names = [
+            name for name in _finite_margins(robot, place, posture_over(who, robot, place, mode)) if name in limits
+        ]
     return _margins(who, "limit margin", robot, place, names, mode, width)
 
 
@@ -99,7 +101,7 @@ def needed_stroke(
     units = {robot.joint_axes[axes[name]].unit for name in chosen}
     if len(units) != 1:
         raise InputError(f"{who}: its joints have the units {', '.join(sorted(units))}: choose joints of one unit.")
-    posture = _posture(who, robot, place, mode)
+    posture = posture_over(who, robot, place, mode)
     index = [axes[name] for name in chosen]
     searches = [
         [worst_case(name, "", partial(_joints, posture, [k]), place, 0.0, names=(name,), worst=side) for side in _SIDES]
@@ -165,8 +167,8 @@ def _margins(
     mode: Sequence[int] | None,
     width: float,
 ) -> Objective:
-    finite = _finite_margins(who, robot, place, mode)
-    posture = _posture(who, robot, place, mode)
+    posture = posture_over(who, robot, place, mode)
+    finite = _finite_margins(robot, place, posture)
     if not names:
         raise InputError(
             f"{who}: {robot.id or type(robot).__name__} has no finite margin of this kind: give it limits."
@@ -201,16 +203,9 @@ def _margins(
     )
 
 
-def _posture(who: str, robot: Mechanism, place: Place, mode: Sequence[int] | None) -> Posture:
-    if not isinstance(place, Place):
-        raise InputError(f"{who} got {place!r} as its place: make one by jk.design.box, ball, poses or reach.")
-    return posture_of(who, robot, mode, place.center if place.listed is None else place.listed[0])
-
-
-def _finite_margins(who: str, robot: Mechanism, place: Place, mode: Sequence[int] | None) -> tuple[str, ...]:
+def _finite_margins(robot: Mechanism, place: Place, posture: Posture) -> tuple[str, ...]:
     """Returns the names of the margins that are not infinite in the middle of a place."""
-    posture = _posture(who, robot, place, mode)
-    pose = jnp.asarray(place.center if place.listed is None else place.listed[0], float)
+    pose = jnp.asarray(place.representative, float)
     joints = posture.of_one(robot, pose)
     return tuple(name for name, value in robot.margins(pose, joints).items() if not np.isinf(value))
 

@@ -134,20 +134,27 @@ class Requirement:
     sense: str
     bound: float
 
+    @property
+    def sign(self) -> float:
+        """1 for a least value, -1 for a largest one."""
+        return 1.0 if self.sense == ">=" else -1.0
+
+    def smooth_slack(self, parts: Array) -> Array:
+        """Returns by how much the smoothed quantity keeps the bound."""
+        return self.sign * (self.objective.together(parts) - self.bound)
+
     def slacks(self, parts: Array) -> Array:
         """Returns by how much each of the objective's parts keeps the bound; negative is a violation.
 
         Where all parts keep it, the quantity does; where that is not what the requirement needs (the least part is to
         be small), the smoothed quantity stands for it.
         """
-        sign = 1.0 if self.sense == ">=" else -1.0
-        all_of_them = self.objective.worst in (LEAST if sign > 0 else MOST, ONLY)
-        kept = parts if all_of_them else self.objective.together(parts)[None]
-        return sign * (kept - self.bound)
+        all_of_them = self.objective.worst in (LEAST if self.sign > 0 else MOST, ONLY)
+        return self.sign * (parts - self.bound) if all_of_them else self.smooth_slack(parts)[None]
 
     def slack(self, measured: Measured) -> float:
         """Returns by how much a measured quantity keeps the bound."""
-        return (1.0 if self.sense == ">=" else -1.0) * (measured.value - self.bound)
+        return self.sign * (measured.value - self.bound)
 
     def __str__(self) -> str:
         """The requirement as it is written."""

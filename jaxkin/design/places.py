@@ -61,6 +61,11 @@ class Place:
         """Places of the pose axes that are not fixed."""
         return tuple(range(len(self.center))) if self.kind == "reach" else (*self.round, *self.flat)
 
+    @property
+    def representative(self) -> np.ndarray:
+        """``(n_pose,)`` the middle; of a list its first pose, as a mean of poses may be none that is served."""
+        return self.center if self.listed is None else self.listed[0]
+
     def pose(self, robot: Mechanism, u: Array, center: Array | None = None) -> Array:
         """Returns the pose ``(n_pose,)`` of parameters in [-1, 1]; traceable."""
         if self.kind == "reach":

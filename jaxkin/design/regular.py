@@ -13,7 +13,7 @@ from jax.typing import ArrayLike
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism, scale_vector
 from jaxkin.design.enclosed import proved_free
-from jaxkin.design.growing import Growth, Rays, contacts, nearest_contact
+from jaxkin.design.growing import Growth, Rays, contacts, contacts_and_nearest
 from jaxkin.design.objective import LEAST, ONLY, Measured, Objective, checked_width
 from jaxkin.design.places import Place, poses
 from jaxkin.design.walls import walls_of
@@ -63,8 +63,7 @@ def regular_size(
 def _regular_size(robot: Mechanism, place: Place, options: dict[str, Any], known: np.ndarray | None) -> Objective:
     """Returns the objective of ``regular_size``, with contacts that its rays may miss."""
     who, most = "jk.design.regular_size", options["most"]
-    o = options
-    growth = _growth(who, robot, place, o["grows"], o["limits"], o["mode"], most, known)
+    growth = _growth(who, robot, place, options["grows"], options["limits"], options["mode"], most, known)
     first = growth.growing[0]
     unit = float(place.half[first])
     names = growth.walls.names
@@ -73,15 +72,14 @@ def _regular_size(robot: Mechanism, place: Place, options: dict[str, Any], known
     def parts(robot: Mechanism, center: Array | None) -> Array:
         return unit * contacts(growth, _RAYS, robot, place.middle(robot, center))
 
-    finer = jax.jit(partial(contacts, growth, _MORE_RAYS))
-    nearest = jax.jit(partial(nearest_contact, growth, _MORE_RAYS))
+    finer = jax.jit(partial(contacts_and_nearest, growth, _MORE_RAYS))
 
     def sharper(contact: np.ndarray) -> Objective:
         return _regular_size(robot, place, options, contact if known is None else np.concatenate([known, contact]))
 
     def measured(robot: Mechanism, center: Array | None) -> Measured:
         middle = place.middle(robot, center)
-        sizes = np.asarray(finer(robot, middle))
+        sizes, nearest = (np.asarray(part) for part in finer(robot, middle))
         which = int(np.argmin(sizes))
         size = float(sizes[which])
         proof = proved_free(growth, robot, np.asarray(middle), size * (1 - _PROVED_SHARE)) if size > 0 else None
@@ -91,7 +89,7 @@ def _regular_size(robot: Mechanism, place: Place, options: dict[str, Any], known
             unit * abs(size) * (_PROVED_SHARE if proof else 1e-9),
             part=names[which] if size < growth.most else "no wall",
             evidence=f"{told}; {proof}" if proof else told,
-            parameters=np.asarray(nearest(robot, middle))[None] if size > 0 else None,
+            parameters=nearest[None] if size > 0 else None,
             proved=bool(proof),
         )
 
