@@ -88,7 +88,7 @@ def cusp_distance(
         unit=unit,
         parts=parts,
         worst=ONLY,
-        width=0.0,
+        width=smooth,
         smoothing=f"sqrt(d^2 + w^2) - w with w = {smooth:g}, below the distance d by at most w; d from {starts} starts",
         measure=measured,
         content={

@@ -58,7 +58,7 @@ class Objective:
         unit: Its unit.
         parts: (mechanism, center or None) -> ``(k,)`` numbers, each smooth in the geometry; a center moves the place.
         worst: How the parts make the quantity: ``"least"``, ``"most"``, or ``"only"`` for one part.
-        width: Width of the smoothing, in the unit.
+        width: Width of the smoothing, in the unit; with one part, how far the smoothing can be off.
         smoothing: What the smoothing is, and how far off it can be, in a sentence.
         measure: (mechanism, center or None) -> ``Measured``.
         place: The prescribed workspace, if there is one.
@@ -93,6 +93,16 @@ class Objective:
             return jnp.min(parts) if self.worst == LEAST else jnp.max(parts)
         sign = -1.0 if self.worst == LEAST else 1.0
         return sign * self.width * jax.nn.logsumexp(sign * parts / self.width)
+
+    def flattery(self, parts: int, sign: float) -> float:
+        """Returns by how much smoothing alone can make a quantity of so many parts better than it is.
+
+        ``sign`` is 1 where more is better, -1 where less is.
+        """
+        if self.worst == ONLY:
+            return self.width
+        bad_side = LEAST if sign > 0 else MOST
+        return 0.0 if self.worst == bad_side else self.width * float(np.log(parts))
 
     def measured(self, robot: Mechanism, center: Any = None) -> Measured:
         """Returns the quantity itself, without smoothing, with its error and where it is attained.

@@ -4,15 +4,20 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 
+from jaxkin.core.mechanism import Mechanism
 from jaxkin.design.functions import Functions
 from jaxkin.design.objective import Measured
 from jaxkin.design.outcome import Kept, Neighbourhood
+from jaxkin.design.problem import Problem
 
 #: Scaled slack within which a requirement is kept, or active.
 _KEPT, _ACTIVE = 1e-7, 1e-5
 #: A neighbour is better only by more than this share of the objective.
 _BETTER = 1e-7
+#: An objective below this share of its size at the starts is judged by that: a distance of zero has no other size.
+_SMALL = 1e-6
 #: A smoothed objective that is better than the measured one by more than this share was led astray by its samples.
 _OPTIMISTIC = 0.01
 
@@ -42,10 +47,8 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
     objective = problem.objective.measured(robot, center)
     if not np.isfinite(objective.value):
         failures.append(f"The {problem.objective.name} is {objective.value} without smoothing.")
-    elif problem.sign * (short := float(problem.objective(robot, center)) - objective.value) > _OPTIMISTIC * abs(
-        objective.value
-    ):
-        failures.append(f"The smoothed {problem.objective.name} is better by {abs(short):.3g} than what was measured.")
+    elif (short := _flattered(problem, robot, center, objective)) > 0:
+        failures.append(f"The smoothed {problem.objective.name} is better by {short:.3g} than what was measured.")
     kept = []
     for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)
@@ -64,6 +67,14 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
     return Verdict(objective, tuple(kept), near, tuple(failures))
 
 
+def _flattered(problem: Problem, robot: Mechanism, center: Array | None, measured: Measured) -> float:
+    """Returns by how much the smoothed objective is better than what was measured; 0 where its smoothing explains it."""
+    parts = problem.objective.parts(robot, center)
+    short = problem.sign * (float(problem.objective.together(parts)) - measured.value)
+    room = problem.objective.flattery(len(parts), problem.sign) + measured.error
+    return short if short > room + _OPTIMISTIC * abs(measured.value) else 0.0
+
+
 def _neighbourhood(functions: Functions, z: np.ndarray, neighbours: int, radius: float, seed: int) -> Neighbourhood:
     rng = np.random.default_rng(seed)
     # Half of them at a hundredth of the distance: a ridge is narrower than its neighbourhood.
@@ -73,6 +84,6 @@ def _neighbourhood(functions: Functions, z: np.ndarray, neighbours: int, radius:
     values = functions.problem.sign * np.asarray(judged.level)
     feasible = np.asarray(judged.fine & (judged.hard >= -1e-9))[1:]
     gain = np.where(feasible, values[1:] - values[0], -np.inf)
-    better = gain > _BETTER * max(abs(values[0]), 1e-12)
+    better = gain > _BETTER * max(abs(values[0]), _SMALL * functions.scale)
     most = float(np.max(gain, initial=0.0))
     return Neighbourhood(neighbours, radius, int(feasible.sum()), int(better.sum()), most if better.any() else 0.0)

@@ -240,7 +240,8 @@ def regular_workspaces(
         unit="1",
         parts=parts,
         worst=ONLY,
-        width=0.0,
+        # A logistic function is off by at most one half; the sizes are below the true ones.
+        width=0.5 * len(modes),
         smoothing=(
             f"each of {len(modes)} working modes counts by a logistic function of its size, of width {w:g}; the size "
             "is that of regular_size with this width"

@@ -6,7 +6,7 @@ import pytest
 from small_problems import BOWL, SUM, cart, numbers, problem, quantity
 
 import jaxkin as jk
-from jaxkin.design import constrained, gradient_steps, optimise
+from jaxkin.design import Measured, Objective, constrained, gradient_steps, optimise
 
 QUICK = {"starts": 4, "steps": 40, "refine": 2, "neighbours": 50, "progress": False}
 
@@ -54,6 +54,36 @@ def test_a_bowl_inside_its_bounds(method, tolerance):
     assert design.feasible
     assert design.bounds == {}
     assert design.request["options"]["method"] == method
+
+
+def flattering(width, told):
+    """A distance to (1, 2) whose smoothing makes it smaller by up to a width; told is what it says of that."""
+
+    def parts(robot, center):
+        del center
+        square = (robot.a - 1.0) ** 2 + (robot.b - 2.0) ** 2
+        return (jnp.sqrt(square + width**2) - width)[None]
+
+    def measured(robot, center):
+        del center
+        return Measured(math.hypot(float(robot.a) - 1.0, float(robot.b) - 2.0), 1e-15)
+
+    return Objective("distance", "1", parts, "only", told, "smooth", measured)
+
+
+# With a + b at most 2.9 the distance is 0.0707, smoothed 0.0225.
+@pytest.mark.parametrize(("most", "told", "good"), [(9.0, 0.1, True), (2.9, 0.1, True), (2.9, 0.0, False)])
+def test_what_smoothing_explains_is_no_failure(most, told, good):
+    design = optimise(problem(minimise=flattering(0.1, told), subject_to=[SUM.at_most(most)]), **QUICK)
+    assert design.objective.value == pytest.approx(max(0.0, (3.0 - most) / math.sqrt(2)), abs=1e-12)
+    assert design.verified is good
+    assert good or design.failures == ("The smoothed distance is better by 0.0482 than what was measured.",)
+
+
+def test_how_much_smoothing_flatters():
+    worst = Objective("worst", "1", lambda *_: jnp.zeros(4), "least", 0.5, "", lambda *_: Measured(0.0, 0.0))
+    assert worst.flattery(4, 1.0) == 0.0
+    assert worst.flattery(4, -1.0) == pytest.approx(0.5 * math.log(4))
 
 
 @pytest.mark.parametrize("method", ["auto", "slsqp", "trust-constr"])
