@@ -68,7 +68,7 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
 
 
 def _flattered(problem: Problem, robot: Mechanism, center: Array | None, measured: Measured) -> float:
-    """Returns by how much the smoothed objective is better than what was measured; 0 where its smoothing explains it."""
+    """Returns by how much the smoothed objective is better than what was measured; 0 where smoothing explains it."""
     parts = problem.objective.parts(robot, center)
     short = problem.sign * (float(problem.objective.together(parts)) - measured.value)
     room = problem.objective.flattery(len(parts), problem.sign) + measured.error
