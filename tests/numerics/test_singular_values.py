@@ -64,3 +64,57 @@ def test_derivatives_are_finite_differences(n):
     _, slopes = jax.jvp(extremes, (matrix,), (jnp.asarray(step),))
     ahead, behind = (np.asarray(extremes(matrix + h * step)) for h in (1e-6, -1e-6))
     np.testing.assert_allclose(slopes, (ahead - behind) / 2e-6, rtol=1e-6)
+
+
+def slopes_of_lapack(matrices, changes, alike=1e-9):
+    """Slopes of the extremes, means over the vectors of values that are alike."""
+    left, values, right = np.linalg.svd(matrices)
+    each = np.einsum("kia,kij,kaj->ka", left, changes, right)
+    near = [np.abs(values - values[:, [k]]) <= alike * values[:, :1] for k in (-1, 0)]
+    return [np.sum(n * each, axis=1) / np.sum(n, axis=1) for n in near]
+
+
+@pytest.mark.parametrize(
+    ("kind", "tolerance"),
+    [
+        ("generic", 1e-11),
+        ("largest double", 1e-14),
+        ("smallest double", 1e-13),
+        ("nearly singular", 1e-11),
+        ("isotropic", 1e-14),
+        ("two small", 1e-12),
+    ],
+)
+def test_derivatives_are_those_of_lapack(kind, tolerance):
+    rng = np.random.default_rng(5)
+    values = made_to_measure(rng, 3, kind)
+    if kind == "two small":
+        values[:, 1:] *= 1e-6
+    matrices = rotations(rng, 3) @ (values[..., None] * rotations(rng, 3))
+    changes = rng.normal(size=matrices.shape)
+    _, found = jax.jit(lambda m, d: jax.jvp(extremes, (m,), (d,)))(matrices, changes)
+    gaps = -np.diff(values, axis=1) / values[:, :1]
+    # Vectors are as good as the gap to the next value; whether values this close are alike is for rounding to say.
+    told = np.all((gaps < 3e-10) | (gaps > 3e-9), axis=1)
+    room = np.where(gaps > 1e-9, gaps, 1.0).min(axis=1)
+    for mine, theirs in zip(found, slopes_of_lapack(matrices, changes), strict=True):
+        assert np.max((np.abs(mine - theirs) * room)[told]) < tolerance
+    assert np.mean(told) > 0.99
+
+
+def test_second_derivatives_are_finite_differences():
+    rng = np.random.default_rng(6)
+    matrix, step = rng.normal(size=(3, 3)), rng.normal(size=(3, 3))
+    for k in range(2):
+        slope = jax.jit(jax.grad(lambda m, k=k: extremes(m)[k]))
+        second = jax.jvp(slope, (jnp.asarray(matrix),), (jnp.asarray(step),))[1]
+        ahead, behind = (slope(matrix + h * step) for h in (1e-6, -1e-6))
+        np.testing.assert_allclose(second, (ahead - behind) / 2e-6, rtol=1e-6)
+
+
+@pytest.mark.parametrize("n", [3, 6])
+def test_derivatives_of_special_matrices_are_numbers(n):
+    matrices = np.stack([np.zeros((n, n)), np.eye(n), np.ones((n, n)), -3 * np.eye(n)[::-1]])
+    for order in (jax.jacfwd, jax.jacrev):
+        slopes = order(lambda m: jnp.stack(extremes(m)).sum(axis=1))(matrices)
+        assert np.all(np.isfinite(slopes))
