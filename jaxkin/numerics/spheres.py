@@ -22,6 +22,8 @@ POINTS = 32
 _ROUNDING = 8.0
 #: Angles below this: x - sin(x) by its series.
 _SMALL = 0.25
+#: Inner circles bound from inside.
+_SIDES = np.array([-1.0, 1.0])
 #: Neighbours of each centre.
 _OTHERS = np.array([[1, 2], [2, 0], [0, 1]])
 
@@ -179,12 +181,35 @@ def section(shells: Shells, height: Array) -> Slice:
         for angle in (bound.start, bound.start + bound.length)
     ]
     cross = ends[0][..., 0] * ends[1][..., 1] - ends[0][..., 1] * ends[1][..., 0]
-    parts = jnp.where(bound.length > 0, (cross + radius**2 * _sagitta(bound.length)) / 2, 0.0)
-    sign = jnp.array([-1.0, 1.0])[:, None]
-    reach = jnp.sum(jnp.where(bound.length > 0, jnp.max(jnp.abs(ends[0]), -1) + jnp.max(jnp.abs(ends[1]), -1), 0.0))
+    there = bound.length > 0
+    parts = jnp.where(there, (cross + radius**2 * _sagitta(bound.length)) / 2, 0.0)
+    total = jnp.maximum(jnp.sum(_SIDES[:, None] * parts), 0.0)
+    reach = jnp.sum(jnp.where(there, jnp.max(jnp.abs(ends[0]), -1) + jnp.max(jnp.abs(ends[1]), -1), 0.0))
     rounding = _ROUNDING * jnp.finfo(float).eps * jnp.max(shells.high) * reach
     angles = jnp.where(bound.radius > 0, jnp.sum(bound.length, axis=-1), 0.0)
-    return Slice(jnp.maximum(jnp.sum(sign * parts), 0.0), rounding, angles)
+    chords = jnp.sum(jnp.where(there[..., None], ends[1] - ends[0], 0.0), axis=-2)
+    return Slice(_bounded(shells, height, jax.lax.stop_gradient(total), angles, chords), rounding, angles)
+
+
+@jax.custom_jvp
+def _bounded(shells: Shells, height: Array, area: Array, angles: Array, chords: Array) -> Array:
+    """Returns the area of a slice, which is known, with its derivatives: what the boundary sweeps.
+
+    A circle of radius R = sqrt(r^2 - w^2) sweeps R dR times the angle of its arcs, and across their chords as it moves.
+    """
+    del shells, height, angles, chords
+    return area
+
+
+@_bounded.defjvp
+def _bounded_jvp(
+    primals: tuple[Shells, Array, Array, Array, Array], tangents: tuple[Shells, Array, Array, Array, Array]
+) -> tuple[Array, Array]:
+    shells, height, _, angles, chords = primals
+    moved, risen = tangents[0], tangents[1]
+    grown = angles * (shells.radii * moved.radii - height * risen)
+    across = chords[..., 1] * moved.centres[:, None, 0] - chords[..., 0] * moved.centres[:, None, 1]
+    return _bounded(*primals), jnp.sum(_SIDES * (grown + across))
 
 
 def breaks(shells: Shells) -> Array:
