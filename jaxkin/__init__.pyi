@@ -4,6 +4,7 @@ from . import plot as plot
 from .core.branches import Branches as Branches
 from .core.errors import ClusterError as ClusterError
 from .core.errors import GeometryError as GeometryError
+from .core.errors import InfeasibleWarning as InfeasibleWarning
 from .core.errors import InputError as InputError
 from .core.errors import JaxkinError as JaxkinError
 from .core.errors import PrecisionError as PrecisionError

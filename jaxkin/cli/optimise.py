@@ -2,6 +2,7 @@
 
 import json
 import time
+import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -96,12 +97,16 @@ def optimise_command(
 
 def _optimised(problem: Any, options: dict[str, Any], out: Path | None, force: bool, progress: bool | None) -> "Design":
     """Optimises, unless the folder holds the design of another request."""
+    from jaxkin.core.errors import InfeasibleWarning
     from jaxkin.design.optimise import optimise, request_of
 
     if out is not None and not force and (out / _NUMBERS).exists():
         check_request(out / _NUMBERS, request_of(problem, **options).content)
     checkpoint = None if out is None else out / _CHECKPOINT
-    return optimise(problem, **options, checkpoint=checkpoint, overwrite=force, progress=progress)
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", InfeasibleWarning)
+        warnings.showwarning = lambda message, *_, **__: click.echo(f"jaxkin: {message}", err=True)
+        return optimise(problem, **options, checkpoint=checkpoint, overwrite=force, progress=progress)
 
 
 def _content(design: "Design", begin: float, stopped: bool) -> dict[str, Any]:

@@ -47,6 +47,10 @@ class SweepInterrupted(JaxkinError, KeyboardInterrupt):
         self.samples_done = samples_done
 
 
+class InfeasibleWarning(UserWarning):
+    """No design was found that keeps all requirements of a problem."""
+
+
 class Status(IntEnum):
     """Why a lane of ``Branches`` holds what it holds. ``Status(code).sentence`` explains it to a person."""
 

@@ -2,6 +2,7 @@ from . import atlas as atlas
 from .conditioning import global_conditioning as global_conditioning
 from .conditioning import inverse_condition_number as inverse_condition_number
 from .conditioning import smallest_singular_value as smallest_singular_value
+from .cusp_place import cusp_coordinate as cusp_coordinate
 from .cusp_place import cusp_distance as cusp_distance
 from .margins import clearance as clearance
 from .margins import limit_margin as limit_margin

@@ -16,6 +16,7 @@ from jaxkin.design.objective import ONLY, Measured, Objective, checked_width
 from jaxkin.design.places import Place
 from jaxkin.design.worst_case import worst_case
 from jaxkin.numerics import singular_values, small_linalg
+from jaxkin.numerics.fusion import waist
 
 _NORMS = ("spectral", "frobenius")
 
@@ -163,47 +164,56 @@ def _at(
     middle: Array,
 ) -> Array:
     """Returns smallest singular values (index 0) or inverse condition numbers (1), signed, ``(k, 1)``."""
-    rows, direct, inside = _rates(posture, length, robot, poses)
-    if norm == "frobenius":
-        value = _frobenius(rows)
-    else:
+
+    def one(robot: Mechanism, pose: Coordinates) -> tuple[Array, Array, Array]:
+        rows, direct, inside = _rates(posture, length, robot, pose)
+        if norm == "frobenius":
+            return _frobenius(rows), direct, inside
         small, large = singular_values.extremes(rows)
-        value = small if index == 0 else small / large
+        return small if index == 0 else small / large, direct, inside
+
+    value, direct, inside = jax.vmap(one)(_for_each(robot, poses[0]), poses)
     if signed:
-        home = _rates(posture, length, robot, tuple(middle[k][None] for k in range(len(middle))))[1]
-        value = value * jax.lax.stop_gradient(jnp.sign(direct) * jnp.sign(home[0]))
+        home = _rates(posture, length, robot, tuple(middle))[1]
+        value = value * jax.lax.stop_gradient(jnp.sign(direct) * jnp.sign(home))
     return jnp.where(inside > 0, value, inside)[:, None]
 
 
+def _for_each(robot: Mechanism, like: Array) -> Mechanism:
+    """Returns the mechanism once for each sample, so that a gradient sums once over the samples for each number."""
+    leaves, kind = jax.tree_util.tree_flatten(robot)
+    count = jnp.shape(like)
+    return kind.unflatten([waist(jnp.broadcast_to(x, (*count, *jnp.shape(x))))[0] for x in leaves])
+
+
 def _rates(
-    posture: Posture, length: float | None, robot: Mechanism, poses: Coordinates
+    posture: Posture, length: float | None, robot: Mechanism, pose: Coordinates
 ) -> tuple[list[list[Array]], Array, Array]:
-    """Returns dq/dx in units of the characteristic length, det of the direct Jacobian, and how far inside the reach."""
-    joints, inside = posture.joints(robot, poses)
-    direct, diagonal = _jacobians(posture, robot, poses, joints)
+    """Returns of one pose dq/dx in units of the length, det of the direct Jacobian, and how far inside the reach."""
+    joints, inside = posture.joints(robot, pose)
+    direct, diagonal = _jacobians(posture, robot, pose, joints)
     reaches = inside > 0
     slower = [-1.0 / jnp.where(reaches, b, 1.0) for b in diagonal]
     unit = robot.characteristic_length() if length is None else jnp.asarray(length)
     per_pose, per_joint = (scale_vector(axes, unit) for axes in (robot.pose_axes, robot.joint_axes))
     rows = [
-        [entry * slow * (per_pose[j] / per_joint[i]) for j, entry in enumerate(row)]
+        list(waist(*(entry * slow * (per_pose[j] / per_joint[i]) for j, entry in enumerate(row))))
         for i, (row, slow) in enumerate(zip(direct, slower, strict=True))
     ]
     return rows, small_linalg.expanded_rows(direct), inside
 
 
 def _jacobians(
-    posture: Posture, robot: Mechanism, poses: Coordinates, joints: Coordinates
+    posture: Posture, robot: Mechanism, pose: Coordinates, joints: Coordinates
 ) -> tuple[list[list[Array]], list[Array]]:
     """Returns the rows of A in the order of the joints, and each joint's entry of B."""
     if robot.jacobian_kernel is not None:
-        direct, diagonal = robot.jacobian_kernel(poses, joints)
+        direct, diagonal = robot.jacobian_kernel(pose, joints)
         return [list(row) for row in direct], [jnp.asarray(b, float) for b in diagonal]
-    columns = [jnp.stack(part, axis=-1) for part in (poses, joints)]
-    a, b = jax.vmap(lambda x, q: jax.jacfwd(robot.constraints, argnums=(0, 1))(x, q))(*columns)
+    a, b = jax.jacfwd(robot.constraints, argnums=(0, 1))(jnp.stack(pose), jnp.stack(joints))
     n = len(joints)
     order = posture.legs.rows if posture.legs is not None else tuple(range(n))
-    return [[a[:, row, j] for j in range(n)] for row in order], [b[:, row, k] for k, row in enumerate(order)]
+    return [[a[row, j] for j in range(n)] for row in order], [b[row, k] for k, row in enumerate(order)]
 
 
 def _frobenius(rows: list[list[Array]]) -> Array:

@@ -1,7 +1,8 @@
-"""Objective of cusps: how far the nearest cusp of a section is from a place in joint space."""
+"""Objectives of cusps: where in joint space the cusp of a section is that is nearest to a place, and how far away."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -26,6 +27,7 @@ _DESCENT, _POLISH = 16, 6
 #: A gradient of det A along the section below this share of det A's terms is that of a crossing, near which Newton's
 #: method scatters; no cusp.
 _FLAT = 1e-3
+_NONE = "jk.cusps finds no cusp in the section"
 
 
 def cusp_distance(
@@ -52,78 +54,174 @@ def cusp_distance(
     Where no start finds a cusp the distance is that of the section's diagonal, with no derivative.
     """
     who = "jk.design.cusp_distance"
-    bound = bind_section(who, robot, section)
-    place, scale, unit = _target(who, robot, bound, target)
-    smooth = 1e-3 * float(np.max(np.asarray(bound.data.high) - np.asarray(bound.data.low))) if width is None else width
+    search = _Search(who, robot, section, "target", target, starts)
+    smooth = 1e-3 * float(np.max(search.sides)) if width is None else width
     if not (isinstance(smooth, (int, float)) and np.isfinite(smooth) and smooth > 0):
         raise InputError(
             f"{who}: width is {width!r}: it must be a positive number, as a distance has a corner at zero."
         )
-    if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
-        raise InputError(f"{who}: starts is {starts!r}: it must be a positive whole number.")
-    sheets = bound.sheets()
-    nearest = [partial(_nearest, s.chart, s.data, _starts(s, starts), place, scale) for s in sheets]
-    diagonal = float(np.linalg.norm((np.asarray(bound.data.high) - np.asarray(bound.data.low)) / np.asarray(scale)))
+    diagonal = float(np.linalg.norm(search.sides / np.asarray(search.scale)))
 
     def parts(robot: Mechanism, center: Array | None) -> Array:
         del center
-        squares = jnp.stack([one(robot, diagonal) for one in nearest])
-        return (jnp.sqrt(jnp.min(squares) + smooth**2) - smooth)[None]
+        joints, found = search.nearest(robot)
+        square = jnp.where(found, search.square(jnp.where(found, joints, search.place)), diagonal**2)
+        return (jnp.sqrt(square + smooth**2) - smooth)[None]
 
     def measured(robot: Mechanism, center: Array | None) -> Measured:
         del center
-        found = cusps(robot, section)
-        if not len(found.joints):
-            return Measured(np.inf, 0.0, evidence="jk.cusps finds no cusp in the section")
-        free = found.joints[:, list(bound.grid.free)]
-        away = np.linalg.norm((free - np.asarray(place)) / np.asarray(scale), axis=1)
-        k = int(np.argmin(away))
-        told = (
-            f"nearest of {len(away)} cusps that jk.cusps finds, at ({', '.join(f'{q:.8g}' for q in found.joints[k])})"
-        )
-        return Measured(float(away[k]), float(np.max(found.error[k])) + 1e-15, found.poses[k][0], evidence=told)
+        found = search.measured(robot)
+        if found is None:
+            return Measured(np.inf, 0.0, evidence=_NONE)
+        return Measured(found.away, found.error, found.pose, evidence=found.evidence)
 
     return Objective(
         name="distance to cusp",
-        unit=unit,
+        unit=search.unit,
         parts=parts,
         worst=ONLY,
         width=smooth,
         smoothing=f"sqrt(d^2 + w^2) - w with w = {smooth:g}, below the distance d by at most w; d from {starts} starts",
         measure=measured,
-        content={
-            "objective": "distance to cusp",
-            "section": bound.grid.content(),
-            "target": dict(target),
-            "starts": starts,
-            "width": smooth,
-        },
+        content={"objective": "distance to cusp", **search.content(), "width": smooth},
     )
 
 
-def _target(who: str, robot: Mechanism, bound: Section, target: Mapping[str, float]) -> tuple[Array, Array, str]:
-    """Returns the place ``(2,)``, what its coordinates are divided by, and the unit of the distance."""
-    names = [robot.joint_axes[k].name for k in bound.grid.free]
-    if not isinstance(target, Mapping) or set(target) != set(names):
-        raise InputError(f"{who}: target is {target!r}: it must give a number for each of {', '.join(names)}.")
+def cusp_coordinate(
+    robot: Mechanism, section: Grid, joint: str, near: Mapping[str, float], *, starts: int = 64
+) -> Objective:
+    """Returns the objective of a coordinate of the cusp of a section that is nearest to a place, with its sign.
+
+    The cusp and its derivatives are found as for ``cusp_distance``; where no start finds one the value is NaN. It jumps
+    where another cusp becomes the nearest.
+
+    Args:
+        robot: The mechanism, for which the objective is made.
+        section: A grid with two free joint axes; cusps beyond their ends do not count.
+        joint: The free joint axis whose coordinate it is.
+        near: Where: a value for each free joint axis.
+        starts: Starts of the search at each evaluation.
+
+    Raises:
+        PrecisionError: float64 is not enabled.
+        InputError: As for ``jk.cusps``, the place does not name the free axes, or the joint is none of them.
+    """
+    who = "jk.design.cusp_coordinate"
+    search = _Search(who, robot, section, "near", near, starts)
+    if joint not in search.names:
+        raise InputError(f"{who}: joint is {joint!r}: choose a free axis of the section, {' or '.join(search.names)}.")
+    k = search.names.index(joint)
+
+    def parts(robot: Mechanism, center: Array | None) -> Array:
+        del center
+        joints, found = search.nearest(robot)
+        return jnp.where(found, joints[k], jnp.nan)[None]
+
+    def measured(robot: Mechanism, center: Array | None) -> Measured:
+        del center
+        found = search.measured(robot)
+        if found is None:
+            return Measured(np.nan, np.nan, evidence=_NONE)
+        return Measured(float(found.joints[k]), found.error, found.pose, evidence=found.evidence)
+
+    return Objective(
+        name=f"{joint} of cusp",
+        unit=robot.joint_axes[search.bound.grid.free[k]].unit,
+        parts=parts,
+        worst=ONLY,
+        width=0.0,
+        smoothing=f"none: the root of the cusp's equations that is nearest to the place, from {starts} starts",
+        measure=measured,
+        content={"objective": "coordinate of cusp", "joint": joint, **search.content()},
+    )
+
+
+class _Found(NamedTuple):
+    """The nearest of the cusps that ``jk.cusps`` finds: its free joints ``(2,)``, how far away, with the error."""
+
+    joints: np.ndarray
+    pose: np.ndarray
+    away: float
+    error: float
+    evidence: str
+
+
+class _Search:
+    """The search for the cusp of a section nearest to a place, for mechanisms like the one it is made for.
+
+    Attributes:
+        bound: The section.
+        names: Names of the two free joint axes.
+        place: ``(2,)`` the place.
+        scale: ``(2,)`` what distances are divided by.
+        unit: Their unit.
+        sides: ``(2,)`` of the section.
+    """
+
+    def __init__(
+        self, who: str, robot: Mechanism, section: Grid, what: str, place: Mapping[str, float], starts: int
+    ) -> None:
+        self.bound = bound = bind_section(who, robot, section)
+        axes = [robot.joint_axes[k] for k in bound.grid.free]
+        self.names = [axis.name for axis in axes]
+        self.place = _place(who, bound, self.names, what, place)
+        if isinstance(starts, bool) or not isinstance(starts, int) or starts < 1:
+            raise InputError(f"{who}: starts is {starts!r}: it must be a positive whole number.")
+        mixed = len({axis.unit for axis in axes}) > 1
+        self.scale = scale_vector(tuple(axes), robot.characteristic_length()) if mixed else jnp.ones(len(axes))
+        self.unit = "1" if mixed else axes[0].unit
+        self.sides = np.asarray(bound.data.high) - np.asarray(bound.data.low)
+        self._grid, self._given = section, {what: dict(place), "starts": starts}
+        self._sheets = [(sheet.chart, sheet.data, _starts(sheet, starts)) for sheet in bound.sheets()]
+
+    def content(self) -> dict[str, Any]:
+        """Returns what determines the search."""
+        return {"section": self.bound.grid.content(), **self._given}
+
+    def square(self, joints: Array) -> Array:
+        """Returns the square of the distance of free joints ``(2,)`` from the place."""
+        away = (joints - self.place) / self.scale
+        return jnp.sum(away * away)
+
+    def nearest(self, robot: Mechanism) -> tuple[Array, Array]:
+        """Returns the free joints ``(2,)`` of the nearest cusp, and whether there is one; differentiable."""
+        found = [_nearest(*sheet, self.square, robot) for sheet in self._sheets]
+        joints, there = (jnp.stack(part) for part in zip(*found, strict=True))
+        best = jnp.argmin(jnp.where(there, jax.vmap(self.square)(joints), jnp.inf))
+        return joints[best], there[best]
+
+    def measured(self, robot: Mechanism) -> _Found | None:
+        """Returns the nearest cusp that ``jk.cusps`` finds, or None."""
+        found = cusps(robot, self._grid)
+        if not len(found.joints):
+            return None
+        free = found.joints[:, list(self.bound.grid.free)]
+        away = np.linalg.norm((free - np.asarray(self.place)) / np.asarray(self.scale), axis=1)
+        k = int(np.argmin(away))
+        where = ", ".join(f"{q:.8g}" for q in found.joints[k])
+        told = f"nearest of {len(away)} cusps that jk.cusps finds, at ({where})"
+        return _Found(free[k], found.poses[k][0], float(away[k]), float(np.max(found.error[k])) + 1e-15, told)
+
+
+def _place(who: str, bound: Section, names: list[str], what: str, given: Mapping[str, float]) -> Array:
+    """Returns a place in the section ``(2,)``."""
+    if not isinstance(given, Mapping) or set(given) != set(names):
+        raise InputError(f"{who}: {what} is {given!r}: it must give a number for each of {', '.join(names)}.")
     try:
-        values = np.array([float(target[name]) for name in names])
+        values = np.array([float(given[name]) for name in names])
     except (TypeError, ValueError):
         values = np.array([np.nan])
     if not np.all(np.isfinite(values)):
-        raise InputError(f"{who}: target is {target!r}: its values must be finite numbers.")
+        raise InputError(f"{who}: {what} is {given!r}: its values must be finite numbers.")
     for name, value, k in zip(names, values, bound.grid.free, strict=True):
         span = bound.grid.values[k]
         assert isinstance(span, Span)
         if not span.low <= value <= span.high:
             raise InputError(
-                f"{who}: target has {name} = {value:g}, outside the section's {span.low:g} to {span.high:g}: widen the "
+                f"{who}: {what} has {name} = {value:g}, outside the section's {span.low:g} to {span.high:g}: widen the "
                 "section, whose ends are limits."
             )
-    axes = [robot.joint_axes[k] for k in bound.grid.free]
-    mixed = len({axis.unit for axis in axes}) > 1
-    scale = scale_vector(tuple(axes), robot.characteristic_length()) if mixed else jnp.ones(len(axes))
-    return jnp.asarray(values), scale, "1" if mixed else axes[0].unit
+    return jnp.asarray(values)
 
 
 def _starts(section: Section, number: int) -> Array:
@@ -132,9 +230,9 @@ def _starts(section: Section, number: int) -> Array:
 
 
 def _nearest(
-    chart: Chart, data: SectionData, starts: Array, place: Array, scale: Array, robot: Mechanism, diagonal: float
-) -> Array:
-    """Returns the square of the distance to the nearest cusp on one sheet."""
+    chart: Chart, data: SectionData, starts: Array, square: Callable[[Array], Array], robot: Mechanism
+) -> tuple[Array, Array]:
+    """Returns the free joints ``(2,)`` of the nearest cusp on one sheet, and whether there is one."""
     still = data._replace(robot=jax.lax.stop_gradient(robot))
 
     def one(u: Array) -> tuple[Array, Array]:
@@ -144,14 +242,11 @@ def _nearest(
         inside = jnp.min(chart.margins(still, u)) >= -EDGE_SLACK
         return u, arrived & inside & (_steepness(chart, still, u) > _FLAT)
 
+    def joints(numbers: SectionData, u: Array) -> Array:
+        return numbers.free_joint @ chart.joints(numbers, u)
+
     roots, good = jax.vmap(one)(starts)
-
-    def square(numbers: SectionData, u: Array) -> Array:
-        joints = numbers.free_joint @ chart.joints(numbers, u)
-        away = (joints - place) / scale
-        return jnp.sum(away * away)
-
-    squares = jnp.where(good, jax.vmap(lambda u: square(still, u))(roots), jnp.inf)
+    squares = jnp.where(good, jax.vmap(lambda u: square(joints(still, u)))(roots), jnp.inf)
     best = jnp.argmin(squares)
     found = jnp.isfinite(squares[best])
 
@@ -160,7 +255,7 @@ def _nearest(
 
     root = jnp.where(found, roots[best], starts[0])
     u = attach_derivatives(equations, root, robot, found, found)
-    return jnp.where(found, square(data._replace(robot=robot), u), diagonal**2)
+    return joints(data._replace(robot=robot), u), found
 
 
 def _steepness(chart: Chart, data: SectionData, u: Array) -> Array:

@@ -11,6 +11,8 @@ from jaxkin.design.problem import Problem
 
 #: Designs that one compiled call judges.
 _BLOCK = 32
+#: How far inside its requirements a search for a design that keeps them aims, scaled.
+_INWARD = 1e-6
 
 
 class Judged(NamedTuple):
@@ -44,6 +46,8 @@ class Functions:
         self.problem = problem
         self.scale, self.scales = 1.0, np.ones(len(problem.subject_to))
         self._judge = jax.jit(jax.vmap(self._judged, in_axes=(0, None)))
+        #: Sum of squares of a design's scaled violations, and its slope.
+        self.violation_slope = jax.jit(jax.value_and_grad(self._violation))
         self._parts = jax.jit(lambda z: problem.objective.parts(*problem.design(z)))
 
     def sized(self, judged: Judged) -> None:
@@ -88,6 +92,13 @@ class Functions:
         slacks = jnp.stack(slack) if slack else jnp.zeros(0)
         fine = jnp.isfinite(value) & jnp.all(jnp.isfinite(slacks)) & robot.geometry_ok()
         return Judged(value, level, slacks, jnp.min(jnp.stack(hard)), fine)
+
+    def _violation(self, z: Array) -> Array:
+        # Beyond the border, which a search comes to from outside and never reaches.
+        short = [
+            jnp.minimum(rows / scale - _INWARD, 0.0) for rows, scale in zip(self.parts(z)[1], self.scales, strict=True)
+        ]
+        return sum(jnp.sum(part * part) for part in short)  # type: ignore[return-value]
 
     def loss(self, z: Array, weight: Array) -> tuple[Array, Judged]:
         """Returns what gradient methods make small: the scaled objective, and squares of violations by their weight."""

@@ -36,6 +36,7 @@ _OBJECTIVES: dict[str, Callable[..., Objective]] = {
         margins.clearance,
         margins.needed_stroke,
         cusp_place.cusp_distance,
+        cusp_place.cusp_coordinate,
         volumes.workspace_volume,
     )
 }

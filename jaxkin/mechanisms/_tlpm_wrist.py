@@ -49,7 +49,7 @@ from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import as_reals, concrete_reals
 from jaxkin.mechanisms._geometry import checked_kind, checked_numbers
 from jaxkin.numerics import rotations, segments
-from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.fusion import materialise, spread, waist
 from jaxkin.numerics.rotations import direction_angle
 from jaxkin.numerics.small_linalg import Vector3, cross, dot
 
@@ -110,6 +110,11 @@ def _combined(a: Array, u: Vector3, b: Array, v: Vector3) -> Vector3:
     return (a * u[0] + b * v[0], a * u[1] + b * v[1], a * u[2] + b * v[2])
 
 
+def _vector(parts: tuple[Array, ...]) -> Vector3:
+    x, y, z = parts
+    return x, y, z
+
+
 def _platform_axes(robot: "TLPM") -> list[tuple[Vector3, Vector3, Vector3]]:
     """Returns the columns X, T, z3 of Q Rz(eta_i2) Ry(beta2) of each limb."""
     w, x, y, z = (robot.orientation[..., k] for k in range(4))
@@ -131,8 +136,7 @@ def _limb_axis(dx: Array, dy: Array, dz: Array) -> Vector3:
     there = square > _TINY
     inverse = 1 / jnp.sqrt(jnp.where(there, square, 1.0))
     unit = (jnp.where(there, c * inverse, other) for c, other in ((dx, 0.0), (dy, 0.0), (dz, -1.0)))
-    x, y, z = materialise(*unit)
-    return x, y, z
+    return _vector(waist(*materialise(*unit)))
 
 
 def _axes(robot: "TLPM", pose: tuple[Array, ...], elbows: tuple[int, int, int] | None = None) -> list[_Axes]:
@@ -142,13 +146,15 @@ def _axes(robot: "TLPM", pose: tuple[Array, ...], elbows: tuple[int, int, int] |
     for (qx, qy), (outward, tangent, z3), elbow in zip(
         robot.base_points(), _platform_axes(robot), elbows or robot.elbows, strict=True
     ):
-        z1 = _limb_axis(qx - x, qy - y, -robot.height - z)
+        qx, qy, qz = spread(x, qx, qy, -robot.height)
+        outward, tangent, z3 = _vector(spread(x, *outward)), _vector(spread(x, *tangent)), _vector(spread(x, *z3))
+        z1 = _limb_axis(qx - x, qy - y, qz - z)
         m31, m33 = dot(z1, outward), -dot(z1, tangent)
         square = m31 * m31 + m33 * m33
         bent = square > _PARALLEL
         sine = jnp.sqrt(jnp.where(bent, square, 1.0))
         inverse = elbow / sine
-        s2, c2 = materialise(jnp.where(bent, m31 * inverse, float(elbow)), jnp.where(bent, m33 * inverse, 0.0))
+        s2, c2 = waist(*materialise(jnp.where(bent, m31 * inverse, float(elbow)), jnp.where(bent, m33 * inverse, 0.0)))
         z2 = _combined(-c2, outward, -s2, tangent)
         found.append(_Axes(z1, z2, z3, (jnp.where(bent, sine, 0.0), dot(z1, z3)), (s2, c2)))
     return found
@@ -190,7 +196,7 @@ def wrists(robot: "TLPM", pose: tuple[Array, ...]) -> tuple[Wrist, Wrist, Wrist]
 
 def _segments(robot: "TLPM", limbs: list[_Axes], overhang: ArrayLike) -> list[Points]:
     """Returns start and direction of the links' axes relative to p, in the order of ``LINK_NAMES``."""
-    b, r1, r2 = robot.b, robot.r1, robot.r2
+    b, r1, r2 = spread(limbs[0].z1[0], robot.b, robot.r1, robot.r2)
     # z1, z2 and z2, z3 are at right angles, so the links' lengths do not depend on the pose.
     over = jnp.asarray(overhang, float)
     more2, more3 = over / jnp.sqrt(b * b + r1 * r1), over / jnp.sqrt(r1 * r1 + r2 * r2)
@@ -202,7 +208,8 @@ def _segments(robot: "TLPM", limbs: list[_Axes], overhang: ArrayLike) -> list[Po
 def _run(a: Array, u: Vector3, b: Array, v: Vector3, more: Array) -> Points:
     """Returns start and direction of the segment from a u to b v, longer at both ends by ``more`` of its length."""
     whole = 1 + 2 * more
-    return _combined((1 + more) * a, u, -more * b, v), _combined(whole * b, v, -whole * a, u)
+    start, along = _combined((1 + more) * a, u, -more * b, v), _combined(whole * b, v, -whole * a, u)
+    return _vector(waist(*start)), _vector(waist(*along))
 
 
 def clearances(robot: "TLPM", pose: tuple[Array, ...], overhang: ArrayLike = 0.0) -> dict[str, Array]:

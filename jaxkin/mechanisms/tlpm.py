@@ -47,7 +47,7 @@ from jaxkin.mechanisms._tlpm_wrist import (
     links,
     wrist_angles,
 )
-from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.fusion import materialise, waist
 from jaxkin.numerics.spheres import Shells
 
 Numbers: TypeAlias = ArrayLike | Sequence[Any]
@@ -301,7 +301,7 @@ class TLPM(Mechanism):
         margins = super().margins(pose, joints)
         for k in range(3):
             margins[f"length{k + 1}"] = self.initial_lengths[k] + joints[..., k]
-        point = tuple(pose[..., k] for k in range(3))
+        point = waist(*(pose[..., k] for k in range(3)))
         nowhere = _tlpm_wrist.nowhere(point)
         return {name: value + nowhere for name, value in margins.items()} | _tlpm_wrist.margins(self, point)
 

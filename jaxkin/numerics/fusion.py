@@ -20,6 +20,36 @@ def materialise(*arrays: Array) -> tuple[Array, ...]:
     return tuple(kept)
 
 
+def waist(*arrays: Array) -> tuple[Array, ...]:
+    """Returns the arrays unchanged; in derivatives they are computed once, and so are their cotangents.
+
+    As by ``materialise``, which values alone do not need: a kernel of few outputs is best in few loops. Without a waist
+    every number that a gradient is taken by computes anew all that lies between itself and the output.
+    """
+    return tuple(_waist(array) for array in arrays)
+
+
+def spread(like: Array, *numbers: Array) -> tuple[Array, ...]:
+    """Returns numbers in the shape of an array, each with a waist: in a gradient each is summed once over all samples.
+
+    A number that is read at ten places of a loop would be ten sums, each a loop of its own.
+    """
+    shape = jnp.shape(like)
+    return waist(*(jnp.broadcast_to(x, jnp.broadcast_shapes(shape, jnp.shape(x))) for x in numbers))
+
+
+@jax.custom_jvp
+def _waist(x: Array) -> Array:
+    return x
+
+
+@_waist.defjvp
+def _waist_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
+    (x,), (change,) = primals, tangents
+    one = x * 0 + 1
+    return _waist(x) / one, change / one
+
+
 def reciprocal(x: Array) -> Array:
     """Returns 1 / x to a unit in the last place, by multiplications that XLA fuses; nonsense at 0 and infinity.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
+from jaxkin.numerics.fusion import materialise, waist
 from jaxkin.numerics.small_linalg import Vector3, cross, dot
 
 #: Denominators below are taken for zero, so that their inverse squares, in second derivatives, remain finite.
@@ -33,7 +34,7 @@ def distance(p: Vector3, u: Vector3, q: Vector3, v: Vector3) -> Array:
     Where touching segments are a rounding error apart, the gradient is that of this small distance: finite, and of no
     meaningful direction.
     """
-    squared = squared_distance(p, u, q, v)
+    (squared,) = waist(squared_distance(p, u, q, v))
     apart = squared > _TINY
     return jnp.where(apart, jnp.sqrt(jnp.where(apart, squared, 1.0)), 0.0)
 
@@ -70,7 +71,7 @@ def _closest(w: Vector3, u: Vector3, v: Vector3) -> tuple[Array, Array]:
 
 @jax.custom_jvp
 def _squared_distance(w: Vector3, u: Vector3, v: Vector3) -> Array:
-    d, _, _ = _difference(w, u, v)
+    d = _between(w, u, v, *_closest(w, u, v))
     return dot(d, d)
 
 
@@ -83,12 +84,13 @@ def _squared_distance_jvp(
     Derivatives of s and t would multiply zeros, which are rounding errors, by up to 1 / angle^2.
     """
     dw, du, dv = tangents
-    d, s, t = _difference(*primals)
+    w, u, v = primals
+    s, t = materialise(*_closest(w, u, v))
+    d = _between(w, u, v, s, t)
     moved = (dw[0] + s * du[0] - t * dv[0], dw[1] + s * du[1] - t * dv[1], dw[2] + s * du[2] - t * dv[2])
     return _squared_distance(*primals), 2 * dot(d, moved)
 
 
-def _difference(w: Vector3, u: Vector3, v: Vector3) -> tuple[Vector3, Array, Array]:
-    """Returns the vector between the closest points, and s and t."""
-    s, t = _closest(w, u, v)
-    return (w[0] + s * u[0] - t * v[0], w[1] + s * u[1] - t * v[1], w[2] + s * u[2] - t * v[2]), s, t
+def _between(w: Vector3, u: Vector3, v: Vector3, s: Array, t: Array) -> Vector3:
+    """Returns the vector between two points of the segments."""
+    return (w[0] + s * u[0] - t * v[0], w[1] + s * u[1] - t * v[1], w[2] + s * u[2] - t * v[2])

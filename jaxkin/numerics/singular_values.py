@@ -15,7 +15,7 @@ import jax.numpy as jnp
 from jax import Array
 
 from jaxkin.numerics import small_linalg
-from jaxkin.numerics.fusion import materialise
+from jaxkin.numerics.fusion import materialise, waist
 from jaxkin.numerics.singular_values_of_three import ALIKE, LEAST, Rows, of_three
 
 #: Beyond this size the program would be long, and LAPACK is no longer slow.
@@ -36,7 +36,8 @@ def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     if n == 2:
         return _of_two(rows)
     if n == 3:
-        return of_three(tuple(tuple(jnp.asarray(entry, float) for entry in row) for row in rows))
+        least, most = waist(*of_three(tuple(tuple(jnp.asarray(entry, float) for entry in row) for row in rows)))
+        return least, most
     shape = jnp.broadcast_shapes(*(jnp.shape(entry) for row in rows for entry in row))
     full = tuple(tuple(jnp.broadcast_to(jnp.asarray(entry, float), shape) for entry in row) for row in rows)
     return _of_many(full)

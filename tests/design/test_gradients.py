@@ -162,6 +162,12 @@ GENERIC = {
         ),
         analytic(),
     ),
+    "cusp coordinate": lambda: (
+        jk.design.cusp_coordinate(
+            analytic(), jk.Grid(rho1=(0.0, 4.0, 40), rho2=1.0, rho3=(0.0, 4.0, 40)), "rho3", first_cusp(analytic())
+        ),
+        analytic(),
+    ),
     "volume": lambda: (jk.design.workspace_volume(tlpm()), tlpm()),
     "area of 3-RPR": lambda: (jk.design.workspace_volume(rpr3(), phi=0.3), rpr3()),
     "area of five-bar": lambda: (jk.design.workspace_volume(five_bar()), five_bar()),

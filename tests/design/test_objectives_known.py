@@ -1,6 +1,7 @@
 """Objectives against what is known of them, and against numbers got in other ways."""
 
 import math
+import re
 
 import jax
 import jax.numpy as jnp
@@ -88,13 +89,17 @@ def test_distances_to_cusps_are_those_of_the_closed_form():
     rng = np.random.default_rng(3)
     numbers = np.array([1.0, 0.2, 0.9]) + rng.uniform(-0.15, 0.15, (8, 3))
     robots = [jk.mechanisms.rpr3.analytic(*own) for own in numbers]
-    values = jax.jit(jax.vmap(objective))(jax.tree.map(lambda *leaves: jnp.stack(leaves), *robots))
-    for robot, value in zip(robots, np.asarray(values), strict=True):
+    many = jax.tree.map(lambda *leaves: jnp.stack(leaves), *robots)
+    coordinates = [jk.design.cusp_coordinate(start, section, joint, target) for joint in ("rho1", "rho3")]
+    values, *places = (jax.jit(jax.vmap(one))(many) for one in (objective, *coordinates))
+    for robot, value, *place in zip(robots, np.asarray(values), *map(np.asarray, places), strict=True):
         joints = np.asarray(closed_forms.section_cusps(robot, 1, 1.0).joints)
         joints = joints[np.isfinite(joints).all(axis=1) & np.all(joints <= 6.0, axis=1)][:, [0, 2]]
         away = np.min(np.linalg.norm(joints - [1.4, 1.7], axis=1))
         assert value == pytest.approx(math.hypot(away, 1e-2) - 1e-2, abs=1e-9)
         assert away - 1e-2 <= value <= away
+        nearest = joints[np.argmin(np.linalg.norm(joints - [1.4, 1.7], axis=1))]
+        np.testing.assert_allclose(place, nearest, atol=1e-9)
 
 
 @pytest.mark.slow
@@ -104,6 +109,27 @@ def test_the_measured_distance_to_a_cusp_is_that_of_the_closed_form():
     found = jk.design.cusp_distance(robot, section, {"rho1": 1.0, "rho3": 2.0}).measured(robot)
     # Wenger and Chablat 2009: cusps at (1.04789131, 2.48920718) and (sqrt 3, 1).
     assert found.value == pytest.approx(math.hypot(0.0478913165750139, 0.4892071875813455), abs=1e-10)
+    along = jk.design.cusp_coordinate(robot, section, "rho3", {"rho1": 1.0, "rho3": 2.0})
+    assert along.measured(robot).value == pytest.approx(2.4892071875813455, abs=1e-10)
+    assert along.unit == "length"
+
+
+BAD_CUSPS = [
+    ({"joint": "rho2"}, "joint is 'rho2': choose a free axis of the section, rho1 or rho3"),
+    ({"near": {"rho1": 1.0}}, "near is {'rho1': 1.0}: it must give a number for each of rho1, rho3"),
+    ({"near": {"rho1": 1.0, "rho3": float("nan")}}, "its values must be finite numbers"),
+    ({"near": {"rho1": 1.0, "rho3": 5.0}}, "near has rho3 = 5, outside the section's 0 to 4"),
+    ({"starts": 0}, "starts is 0: it must be a positive whole number"),
+]
+
+
+@pytest.mark.parametrize(("options", "message"), BAD_CUSPS)
+def test_cusps_that_cannot_be_asked_for(options, message):
+    robot = jk.mechanisms.rpr3.analytic(1.0, 0.0, 1.0)
+    section = jk.Grid(rho1=(0.0, 4.0, 40), rho2=1.0, rho3=(0.0, 4.0, 40))
+    arguments = {"joint": "rho1", "near": {"rho1": 1.0, "rho3": 2.0}, **options}
+    with pytest.raises(jk.InputError, match=re.escape(message)):
+        jk.design.cusp_coordinate(robot, section, **arguments)
 
 
 def distance_by_angles(numbers, pose, length):

@@ -106,13 +106,35 @@ def test_active_bounds_and_requirements_are_named(method):
 
 @pytest.mark.parametrize("method", ["auto", "adam", "slsqp"])
 def test_a_problem_without_solution_gives_what_violates_least(method):
-    design = optimise(problem(subject_to=[SUM.at_least(10.0)]), method=method, **{**QUICK, "steps": 100})
+    asked = problem(subject_to=[SUM.at_least(10.0)])
+    with pytest.warns(
+        jk.InfeasibleWarning, match=r"best of 4 searches, a=3, b=3, misses sum >= 10, by 4\. If there is"
+    ):
+        design = optimise(asked, method=method, **{**QUICK, "steps": 100})
     assert not design.verified
     assert not design.feasible
     assert design.values == pytest.approx({"a": 3.0, "b": 3.0}, abs=1e-6)
     assert any("sum >= 10 is missed by 4" in text for text in design.failures)
     assert "NOT VERIFIED" in str(design)
     assert design.to_json()["verified"] is False
+
+
+def test_a_pose_beyond_the_limits_of_all_designs_is_named_before_the_first_step():
+    # x = a q + b with |q| <= 5: no q serves x = 40.
+    robot = cart()
+    kept = jk.design.limit_margin(robot, jk.design.poses(robot, [[0.5], [40.0]])).at_least(0.0)
+    missed = r"a=3, b=3, misses limit margin >= 0 length, by 7\.333 at \(40\)\."
+    with pytest.warns(jk.InfeasibleWarning, match=missed):
+        design = optimise(problem(subject_to=[kept]), **QUICK)
+    assert not design.feasible
+
+
+def test_requirements_that_two_designs_of_a_thousand_keep_are_met():
+    narrow = quantity("well", lambda a, b: (a - 2.0) ** 2 + (b - 1.0) ** 2).at_most(1e-4)
+    apart = quantity("gap", lambda a, b: a - b).at_least(1.0)
+    design = optimise(problem(subject_to=[narrow, apart]), method="adam", **{**QUICK, "starts": 2})
+    assert design.feasible
+    assert design.counts["starts"] == 3
 
 
 def test_starts_that_are_no_numbers_are_left_out():
