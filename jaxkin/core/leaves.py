@@ -4,7 +4,6 @@ A scalar field bears its own name (``c3``); an entry of a vector is ``proximal[0
 set alike; limits are named as their margins are, ``rho1_low`` and ``rho1_high``.
 """
 
-import difflib
 from collections.abc import Mapping
 from dataclasses import fields
 from typing import Any, NamedTuple
@@ -16,6 +15,7 @@ from jax.typing import ArrayLike
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Limits, Mechanism
+from jaxkin.core.words import meant
 
 
 class LeafPlace(NamedTuple):
@@ -62,10 +62,10 @@ def checked_leaf(robot: Mechanism, name: str) -> LeafPlace:
     places = leaf_places(robot)
     if name in places:
         return places[name]
-    close = difflib.get_close_matches(name, places, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else "."
     known = ", ".join(places)
-    raise InputError(f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {known}{hint}")
+    raise InputError(
+        f"{robot.id or type(robot).__name__} has no number {name!r}: choose among {known}{meant(name, places)}"
+    )
 
 
 def with_leaves(robot: Mechanism, values: Mapping[str, ArrayLike]) -> Mechanism:

@@ -1,6 +1,5 @@
 """Objectives of limits: the smallest margin of joints or links over a place, and the stroke that a place needs."""
 
-import difflib
 from collections.abc import Sequence
 from functools import partial
 
@@ -11,6 +10,7 @@ from jax import Array
 
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.words import meant
 from jaxkin.design.configurations import Coordinates, Posture, posture_over
 from jaxkin.design.objective import MOST, Measured, Objective, checked_width
 from jaxkin.design.places import Place
@@ -214,7 +214,7 @@ def _known(who: str, what: str, names: Sequence[str], known: list[str]) -> list[
     asked = [names] if isinstance(names, str) else list(names)
     for name in asked:
         if name not in known:
-            close = difflib.get_close_matches(name, known, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else "."
-            raise InputError(f"{who}: there is no finite {what} {name!r}: choose among {', '.join(known)}{hint}")
+            raise InputError(
+                f"{who}: there is no finite {what} {name!r}: choose among {', '.join(known)}{meant(name, known)}"
+            )
     return asked

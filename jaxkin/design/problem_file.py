@@ -4,7 +4,6 @@
 """
 
 import contextlib
-import difflib
 import inspect
 import json
 import tomllib
@@ -15,6 +14,7 @@ from typing import Any
 
 from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Mechanism
+from jaxkin.core.words import meant
 from jaxkin.design import conditioning, cusp_place, margins, places, regular, volumes
 from jaxkin.design.objective import Objective, Requirement
 from jaxkin.design.optimise import Options
@@ -109,9 +109,7 @@ def _check_keys(where: str, table: Mapping[str, Any], known: Iterable[str]) -> N
     names = list(known)
     for key in table:
         if key not in names:
-            close = difflib.get_close_matches(key, names, n=1)
-            hint = f"; did you mean {close[0]!r}?" if close else "."
-            raise InputError(f"{where} has no key {key!r}: choose among {', '.join(names)}{hint}")
+            raise InputError(f"{where} has no key {key!r}: choose among {', '.join(names)}{meant(key, names)}")
 
 
 def _chosen(where: str, what: str, name: Any, known: Iterable[str]) -> str:
@@ -119,9 +117,9 @@ def _chosen(where: str, what: str, name: Any, known: Iterable[str]) -> str:
     names = list(known)
     if name in names:
         return name
-    close = difflib.get_close_matches(str(name), names, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else "."
-    raise InputError(f"{where} names the {what} {name!r}: choose among {', '.join(names) or '(none)'}{hint}")
+    raise InputError(
+        f"{where} names the {what} {name!r}: choose among {', '.join(names) or '(none)'}{meant(name, names)}"
+    )
 
 
 def _table(content: Mapping[str, Any], key: str, needed: bool = True) -> dict[str, Any]:

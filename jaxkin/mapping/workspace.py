@@ -3,7 +3,6 @@
 A mechanism declares this by a method ``reach_spheres() -> (Shells, z of the plane)``; the TLPM has it.
 """
 
-import difflib
 from functools import partial
 
 import jax
@@ -15,6 +14,7 @@ from jaxkin.core.errors import GeometryError, InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.core.provenance import identity
 from jaxkin.core.tracing import is_traced
+from jaxkin.core.words import meant
 from jaxkin.kinematics.boundary import checked_mechanism, checked_single
 from jaxkin.mapping import _workspace_columns, _workspace_mesh
 from jaxkin.mapping._orientation_factors import checked_tolerance, checked_whole
@@ -189,8 +189,7 @@ def _volume(robot: Mechanism, branch: str) -> Volume:
 def _checked_branch(who: str, branch: str) -> float:
     if isinstance(branch, str) and branch in BRANCHES:
         return BRANCHES[branch]
-    close = difflib.get_close_matches(str(branch), BRANCHES, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else "."
+    hint = meant(branch, BRANCHES)
     raise InputError(f"{who}: there is no branch {branch!r}: it is 'upper' (z > -h) or 'lower' (z < -h){hint}")
 
 

@@ -1,12 +1,12 @@
 """The mechanisms that the command line knows; imports JAX only when one is made."""
 
-import difflib
 import importlib
 import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from jaxkin.core.errors import InputError
+from jaxkin.core.words import meant
 
 if TYPE_CHECKING:
     from jaxkin.core.mechanism import Mechanism
@@ -159,9 +159,9 @@ def create(name: str, **changes: float | tuple[float, ...]) -> "Mechanism":
         GeometryError: The geometry is degenerate.
     """
     if name not in CATALOGUE:
-        close = difflib.get_close_matches(name, CATALOGUE, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "."
-        raise InputError(f"There is no mechanism {name!r}: choose one of {', '.join(CATALOGUE)}{hint}")
+        raise InputError(
+            f"There is no mechanism {name!r}: choose one of {', '.join(CATALOGUE)}{meant(name, CATALOGUE)}"
+        )
     entry = CATALOGUE[name]
     for key in changes:
         if key not in (*entry.geometry, *entry.options):

@@ -1,9 +1,9 @@
 """The papers that the command line knows; imports a paper's file only when it is reproduced."""
 
-import difflib
 from dataclasses import dataclass
 
 from jaxkin.core.errors import InputError
+from jaxkin.core.words import meant
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,5 @@ def find(name: str) -> Paper:
         InputError: It is unknown.
     """
     if name not in PAPERS:
-        close = difflib.get_close_matches(name, PAPERS, n=1)
-        hint = f"; did you mean {close[0]!r}?" if close else "."
-        raise InputError(f"There is no paper {name!r}: choose one of {', '.join(PAPERS)}{hint}")
+        raise InputError(f"There is no paper {name!r}: choose one of {', '.join(PAPERS)}{meant(name, PAPERS)}")
     return PAPERS[name]

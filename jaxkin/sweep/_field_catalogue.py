@@ -1,8 +1,7 @@
 """The fields of jaxkin, and how they are found by name."""
 
-import difflib
-
 from jaxkin.core.errors import InputError
+from jaxkin.core.words import meant
 from jaxkin.sweep._field_limits import binding_limit, limit_margins
 from jaxkin.sweep._field_measures import direct_determinant, inverse_condition_number, smallest_singular_value
 from jaxkin.sweep._field_record import Field
@@ -33,6 +32,4 @@ def by_name(name: str) -> Field:
     """
     if name in FIELDS:
         return FIELDS[name]
-    close = difflib.get_close_matches(name, FIELDS, n=1)
-    hint = f"; did you mean {close[0]!r}?" if close else "."
-    raise InputError(f"There is no field {name!r}: choose one of {', '.join(FIELDS)}{hint}")
+    raise InputError(f"There is no field {name!r}: choose one of {', '.join(FIELDS)}{meant(name, FIELDS)}")

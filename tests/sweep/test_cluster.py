@@ -316,17 +316,22 @@ def test_ctrl_c_cancels_and_keeps(client, tmp_path, local):
     log = Log(tmp_path)
 
     def interrupt():
-        _wait(lambda: len(log.lines()) >= 6)
+        # The first tiles must have arrived, however busy the machine is: when the eighth begins, six are done.
+        _wait(lambda: len(log.lines()) >= 8)
         os.kill(os.getpid(), signal.SIGINT)
 
     with meanwhile(interrupt), pytest.raises(jk.SweepInterrupted) as caught:
         plane(logged_field(tmp_path, seconds=0.3), store=tmp_path / "map.zarr", executor=client)
     assert 0 < caught.value.samples_done < 1200
-    _wait(lambda: not any(client.processing().values()))
-    begun = len(log.lines())
-    assert begun < TILES
-    time.sleep(1)
-    assert len(log.lines()) == begun
+    # The scheduler forgets tiles before the workers do that are at them: wait for two seconds in which none begins.
+    begun = []
+
+    def rests():
+        begun.append((time.monotonic(), len(log.lines())))
+        return begun[-1][0] - min(when for when, lines in begun if lines == begun[-1][1]) >= 2
+
+    _wait(rests)
+    assert begun[-1][1] < TILES
     assert plane(logged_field(tmp_path), store=tmp_path / "map.zarr", executor=client).attrs["complete"] == 1
     assert files(tmp_path / "map.zarr") == local[0]
 
