@@ -50,16 +50,19 @@ def grid(wanted: jk.design.Problem, n: int) -> tuple[np.ndarray, ...]:
     values = np.asarray(
         jax.jit(lambda r, h: jax.lax.map(lambda p: one(*p), (r, h), batch_size=64))(*map(np.ravel, (radii, heights)))
     )
+    # Where strokes reach beyond the assembly mode nothing is defined: there a requirement is missed.
+    values[:, 1:] = np.nan_to_num(values[:, 1:], nan=-1.0)
     return radii, heights, *(values[:, k].reshape(n, n) for k in range(3))
 
 
 def draw_map(wanted: jk.design.Problem, design: jk.design.Design, axes: Axes) -> None:
-    radii, heights, volume, conditioning, clearance = grid(wanted, 41)
+    radii, heights, volume, conditioning, clearance = grid(wanted, 81)
     allowed = (conditioning >= FLOOR) & (clearance >= 0)
     levels = np.arange(26.0, 48.1, 2.0)
     drawn = axes.contourf(radii, heights, volume / 1e6, levels, cmap="viridis", extend="both")
     axes.figure.colorbar(drawn, ax=axes, label="workspace volume (litres)")
-    axes.contourf(radii, heights, ~allowed, [0.5, 1.5], colors="0.9", alpha=0.7)
+    missed = np.minimum(conditioning / FLOOR - 1, clearance / THICK)
+    axes.contourf(radii, heights, missed, [-1e9, 0.0], colors="0.9", alpha=0.7)
     axes.plot([], [], "s", color="0.85", ms=9, label="a requirement is missed")
     for values, level, style, label in (
         (conditioning, FLOOR, "-", f"inverse condition number = {FLOOR}"),

@@ -68,7 +68,7 @@ def draw_slices(robot: jk.Mechanism, center: np.ndarray, half: float, title: str
         )
         axes.contour(least.phi, least.theta, least, [0.0], colors="black", linewidths=1.2)
         axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, fill=False, ec="#D55E00", lw=2.0))
-        axes.set(xlabel="φ (rad)", ylabel="θ (rad)", aspect="equal", title=f"{title}, σ = {sigma:+.3f}")
+        axes.set(xlabel="φ (rad)", ylabel="θ (rad)", aspect="equal", title=f"{title}, $σ = {sigma:.3f}$ rad")
     assert drawn is not None
     panels[-1].figure.colorbar(drawn, ax=panels, label="least margin of the strokes (length)", shrink=0.9)
 
@@ -94,9 +94,9 @@ def main() -> None:
     figure, panels = plt.subplots(1, 2, figsize=(11.0, 4.4), layout="constrained")
     drawn = panels[0].contourf(x, side, half, 16, cmap="viridis")
     figure.colorbar(drawn, ax=panels[0], label="half width t of the cube (rad)")
-    panels[0].plot(x[best], side[best], "s", mfc="none", mec="white", ms=9, label="best of the grid")
+    panels[0].plot(x[best], side[best], "s", mfc="none", mec="black", ms=9, clip_on=False, label="best of the grid")
     panels[0].plot(design.values["center.x"], design.values["side"], "o", color="#D55E00", label="optimum by gradients")
-    panels[0].set(xlabel="x of C1 (length)", ylabel="side of the platform (length)")
+    panels[0].set(xlabel="$x$ of $C_1$ (length)", ylabel="side of the platform (length)")
     panels[0].legend(loc="upper right")
     jk.plot.design_history(design, ax=panels[1])
     save(figure, folder, "ppps3_cube_design")

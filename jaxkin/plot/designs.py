@@ -67,7 +67,7 @@ def design_history(design: Design, ax: Axes | None = None) -> Axes:
     if history.sizes.get("step", 0) and "refined_objective" in history:
         ax.axvline(history.sizes["step"] - 0.5, color="black", linewidth=0.6, linestyle=(0, (4, 3)))
     ax.set_xlabel("step (gradient method, then refinement)" if "refined_objective" in history else "step")
-    ax.set_ylabel(objective.name if objective.unit == "1" else f"{objective.name} ({objective.unit})")
+    ax.set_ylabel(style.with_unit(objective.name, objective.unit))
     ax.set_title("verified" if design.verified else "not verified", fontsize="medium")
     ax.legend(handles=handles, fontsize="small", frameon=False, loc="center left", bbox_to_anchor=(1.01, 0.5))
     return ax

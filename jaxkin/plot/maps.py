@@ -249,8 +249,7 @@ def _quantity(data: xarray.DataArray) -> str:
         # Of coordinates of several units: that of the chosen one, where that is known.
         units = dict(entry.split(": ", 1) for entry in unit.split(", ") if ": " in entry)
         unit = next((units[str(c.item())] for c in data.coords.values() if c.ndim == 0 and str(c.item()) in units), "")
-    unit = unit.replace("^2", "²").replace("^3", "³")
-    text = long_name + (f" ({unit})" if unit not in ("", "1") else "")
+    text = style.with_unit(long_name, unit)
     lines = -(-len(text) // _LABEL_WIDTH)
     return textwrap.fill(text, max(len(text) // lines + 6, 12), break_long_words=False)
 

@@ -122,9 +122,14 @@ def check_kind(given: Any, kinds: type | tuple[type, ...], needed: str) -> None:
         raise InputError(f"Cannot draw an object of type {type(given).__name__}: give {needed}.")
 
 
+def with_unit(text: str, unit: str) -> str:
+    """Returns a text with its unit in parentheses, if it has one."""
+    return f"{text} ({unit.replace('^2', '²').replace('^3', '³')})" if unit not in ("", "1") else text
+
+
 def axis_label(name: str, unit: str) -> str:
     """Returns a label with its unit."""
-    return f"{symbol(name)} ({unit})" if unit and unit != "1" else symbol(name)
+    return with_unit(symbol(name), unit)
 
 
 def dress(ax: Axes, x: tuple[str, str], y: tuple[str, str]) -> None:
