@@ -26,7 +26,7 @@ def waist(*arrays: Array) -> tuple[Array, ...]:
     As by ``materialise``, which values alone do not need: a kernel of few outputs is best in few loops. Without a waist
     every number that a gradient is taken by computes anew all that lies between itself and the output.
     """
-    return tuple(_waist(array) for array in arrays)
+    return tuple(_waist(x) if jnp.issubdtype(jnp.result_type(x), jnp.floating) else x for x in arrays)
 
 
 def spread(like: Array, *numbers: Array) -> tuple[Array, ...]:
@@ -46,7 +46,8 @@ def _waist(x: Array) -> Array:
 @_waist.defjvp
 def _waist_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     (x,), (change,) = primals, tangents
-    one = x * 0 + 1
+    # One for infinity too, such as a limit that is none.
+    one = jnp.minimum(jnp.abs(x), 1) * 0 + 1
     return _waist(x) / one, change / one
 
 
