@@ -3,7 +3,7 @@
 import json
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -105,8 +105,21 @@ def _optimised(problem: Any, options: dict[str, Any], out: Path | None, force: b
     checkpoint = None if out is None else out / _CHECKPOINT
     with warnings.catch_warnings():
         warnings.simplefilter("always", InfeasibleWarning)
-        warnings.showwarning = lambda message, *_, **__: click.echo(f"jaxkin: {message}", err=True)
+        warnings.showwarning = _spoken(warnings.showwarning)
         return optimise(problem, **options, checkpoint=checkpoint, overwrite=force, progress=progress)
+
+
+def _spoken(otherwise: Callable[..., None]) -> Callable[..., None]:
+    """Returns what shows warnings: those of problems without solution in one line, others as they were."""
+    from jaxkin.core.errors import InfeasibleWarning
+
+    def show(message: Warning | str, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, InfeasibleWarning):
+            click.echo(f"jaxkin: {message}", err=True)
+        else:
+            otherwise(message, category, *rest, **more)
+
+    return show
 
 
 def _content(design: "Design", begin: float, stopped: bool) -> dict[str, Any]:

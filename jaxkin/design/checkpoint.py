@@ -15,7 +15,7 @@ from jaxkin.core.provenance import Request
 from jaxkin.core.words import given
 
 #: Raise it when what is kept changes.
-_VERSION = 2
+_VERSION = 3
 
 
 class Checkpoint:

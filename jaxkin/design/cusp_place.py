@@ -73,14 +73,15 @@ def cusp_distance(
         found = search.measured(robot)
         if found is None:
             return Measured(np.inf, 0.0, evidence=_NONE)
-        return Measured(found.away, found.error, found.pose, evidence=found.evidence)
+        smoothed = float(np.hypot(found.away, smooth) - smooth)
+        return Measured(found.away, found.error, found.pose, evidence=found.evidence, smoothed=smoothed)
 
     return Objective(
         name="distance to cusp",
         unit=search.unit,
         parts=parts,
         worst=ONLY,
-        width=smooth,
+        width=0.0,
         smoothing=f"sqrt(d^2 + w^2) - w with w = {smooth:g}, below the distance d by at most w; d from {starts} starts",
         measure=measured,
         content={"objective": "distance to cusp", **search.content(), "width": smooth},

@@ -12,7 +12,7 @@ from jaxkin.design.problem import Problem
 #: Designs that one compiled call judges.
 _BLOCK = 32
 #: How far inside its requirements a search for a design that keeps them aims, scaled.
-_INWARD = 1e-6
+_INWARD = 1e-8
 
 
 class Judged(NamedTuple):

@@ -29,6 +29,8 @@ class Measured:
         evidence: How it was found, in a few words.
         parameters: ``(j, d)`` the place's parameters of bad poses between its samples, or None.
         proved: True where interval arithmetic proves the value up to its error.
+        smoothed: What the objective's smoothing makes of the value, where an objective of one part smooths; None where
+            nothing is smoothed, or parts are.
     """
 
     value: float
@@ -38,6 +40,7 @@ class Measured:
     evidence: str = ""
     parameters: np.ndarray | None = None
     proved: bool = False
+    smoothed: float | None = None
 
     def __str__(self) -> str:
         """One line."""
@@ -58,7 +61,7 @@ class Objective:
         unit: Its unit.
         parts: (mechanism, center or None) -> ``(k,)`` numbers, each smooth in the geometry; a center moves the place.
         worst: How the parts make the quantity: ``"least"``, ``"most"``, or ``"only"`` for one part.
-        width: Width of the smoothing, in the unit; with one part, how far the smoothing can be off.
+        width: Width of the smoothing between parts, in the unit; 0 with one part.
         smoothing: What the smoothing is, and how far off it can be, in a sentence.
         measure: (mechanism, center or None) -> ``Measured``.
         place: The prescribed workspace, if there is one.
@@ -95,14 +98,12 @@ class Objective:
         return sign * self.width * jax.nn.logsumexp(sign * parts / self.width)
 
     def flattery(self, parts: int, sign: float) -> float:
-        """Returns by how much smoothing alone can make a quantity of so many parts better than it is.
+        """Returns by how much smoothing between so many parts can make the quantity better than it is.
 
         ``sign`` is 1 where more is better, -1 where less is.
         """
-        if self.worst == ONLY:
-            return self.width
         bad_side = LEAST if sign > 0 else MOST
-        return 0.0 if self.worst == bad_side else self.width * float(np.log(parts))
+        return 0.0 if self.worst in (ONLY, bad_side) else self.width * float(np.log(parts))
 
     def measured(self, robot: Mechanism, center: Any = None) -> Measured:
         """Returns the quantity itself, without smoothing, with its error and where it is attained.

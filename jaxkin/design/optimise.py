@@ -132,6 +132,9 @@ def optimise(
         overwrite: True to begin anew over a file of another request.
         progress: True or False to force or forbid the progress bar; by default it shows on a terminal.
 
+    Where no start keeps all requirements, a search for a design that does comes first; what it finds is one start more,
+    and if it finds none, ``jk.InfeasibleWarning`` names what is missed, by how much and where.
+
     Returns:
         The design. ``.verified`` is False where something that was asked for does not hold, and ``.failures`` says
         what: a problem without solution gives the design that violates least.
@@ -175,7 +178,11 @@ class _Run:
         """Runs all stages."""
         try:
             with self._timed("starts"):
-                self._starts = checked_starts(self._functions, self._options.starts, self._options.seed)
+                known = self._checkpoint.array("feasible")
+                starts, feasible = checked_starts(self._functions, self._options.starts, self._options.seed, known)
+                if len(feasible):
+                    self._checkpoint.keep(None, feasible=feasible)
+                self._starts = np.concatenate([starts, feasible])
                 self._counts["starts"] = len(self._starts)
             best = self._walked()
             self._refined(best)
@@ -188,7 +195,8 @@ class _Run:
             if not len(self._starts):
                 self._starts = self._problem.start()[None]
             chosen = self._chosen() if self._found else _Candidate(self._starts[0], 0, None, self._functions)
-            kept = "" if self._checkpoint.array("best.z") is None else "; the same request goes on at its checkpoint"
+            begun = any(self._checkpoint.array(name) is not None for name in ("best.z", "feasible"))
+            kept = "; the same request goes on at its checkpoint" if begun else ""
             raise OptimisationInterrupted(
                 f"Stopped; the best design so far is in the exception's .design{kept}.",
                 self._told(chosen, self._unproved(chosen)),

@@ -13,7 +13,7 @@ from jaxkin.design.outcome import Kept, Neighbourhood
 from jaxkin.design.problem import Problem
 
 #: Scaled slack within which a requirement is kept, or active.
-_KEPT, _ACTIVE = 1e-7, 1e-5
+KEPT, _ACTIVE = 1e-7, 1e-5
 #: A neighbour is better only by more than this share of the objective.
 _BETTER = 1e-7
 #: An objective below this share of its size at the starts is judged by that: a distance of zero has no other size.
@@ -53,7 +53,7 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
     for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)
         slack = one.slack(measured)
-        tolerance = _KEPT * scale + measured.error
+        tolerance = KEPT * scale + measured.error
         holds = bool(slack >= -tolerance)
         kept.append(Kept(str(one), measured, slack, holds, holds and bool(slack <= _ACTIVE * scale + measured.error)))
         if not holds:
@@ -70,9 +70,10 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
 def _flattered(problem: Problem, robot: Mechanism, center: Array | None, measured: Measured) -> float:
     """Returns by how much the smoothed objective is better than what was measured; 0 where smoothing explains it."""
     parts = problem.objective.parts(robot, center)
-    short = problem.sign * (float(problem.objective.together(parts)) - measured.value)
+    truth = measured.value if measured.smoothed is None else measured.smoothed
+    short = problem.sign * (float(problem.objective.together(parts)) - truth)
     room = problem.objective.flattery(len(parts), problem.sign) + measured.error
-    return short if short > room + _OPTIMISTIC * abs(measured.value) else 0.0
+    return short if short > room + _OPTIMISTIC * abs(truth) else 0.0
 
 
 def _neighbourhood(functions: Functions, z: np.ndarray, neighbours: int, radius: float, seed: int) -> Neighbourhood:

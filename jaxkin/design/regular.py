@@ -233,15 +233,15 @@ def regular_workspaces(
     def measured(robot: Mechanism, center: Array | None) -> Measured:
         found = [one.measure(robot, center) for one in each]
         told = ", ".join(f"{mode or 'the working mode'}: {m.value:.6g}" for mode, m in zip(modes, found, strict=True))
-        return Measured(float(sum(m.value >= size for m in found)), 0.0, evidence=told)
+        smoothed = float(sum(jax.nn.sigmoid((m.value - size) / w) for m in found))
+        return Measured(float(sum(m.value >= size for m in found)), 0.0, evidence=told, smoothed=smoothed)
 
     return Objective(
         name="regular workspaces",
         unit="1",
         parts=parts,
         worst=ONLY,
-        # A logistic function is off by at most one half; the sizes are below the true ones.
-        width=0.5 * len(modes),
+        width=0.0,
         smoothing=(
             f"each of {len(modes)} working modes counts by a logistic function of its size, of width {w:g}; the size "
             "is that of regular_size with this width"

@@ -11,6 +11,7 @@ from jaxkin.core.errors import InfeasibleWarning, InputError
 from jaxkin.design.functions import Functions
 from jaxkin.design.gradient_steps import FEASIBLE
 from jaxkin.design.problem import Problem
+from jaxkin.design.proof import KEPT
 from jaxkin.numerics.newton import lattice
 
 #: Designs among which one must reach every prescribed pose.
@@ -19,12 +20,14 @@ _PROBED = 1024
 _SEARCHES, _ITERATIONS = 4, 60
 
 
-def checked_starts(functions: Functions, number: int, seed: int) -> np.ndarray:
+def checked_starts(
+    functions: Functions, number: int, seed: int, known: np.ndarray | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Returns starts in the unit cube at which everything is a number, ``(k, p)``, and takes the sizes of things there.
 
     The first is the mechanism as it is; the others fill the cube, shifted by the seed. Where none of them keeps all
-    requirements a search for a design that does runs first: what it finds is one start more, and if it finds none, a
-    warning names what is missed.
+    requirements a search for a design that does runs first: what it finds is returned as well, ``(0 or 1, p)``, and if
+    it finds none, a warning names what is missed. ``known`` is what such a search has found before.
 
     Raises:
         InputError: The objective or a requirement is not a number at any of them, or a prescribed pose is out of the
@@ -38,62 +41,59 @@ def checked_starts(functions: Functions, number: int, seed: int) -> np.ndarray:
     if not fine.any():
         raise InputError(_why_not(functions, starts, np.asarray(judged.value), np.asarray(judged.slack)))
     functions.sized(judged)
-    return _with_feasible(functions, starts[fine])
+    return starts[fine], _feasible(functions, starts[fine]) if known is None else known
 
 
-def _with_feasible(functions: Functions, starts: np.ndarray) -> np.ndarray:
-    """Returns the starts, and a design that keeps all requirements where none of them does; warns of none."""
+def _feasible(functions: Functions, starts: np.ndarray) -> np.ndarray:
+    """Returns a design that keeps all requirements where none of the starts does, ``(0 or 1, p)``; warns of none."""
+    nothing = starts[:0]
     if not functions.problem.subject_to:
-        return starts
+        return nothing
     hard = np.asarray(functions.judge_many(starts).hard)
     if np.max(hard) >= -FEASIBLE:
-        return starts
+        return nothing
     best = starts[np.argsort(-hard)[:_SEARCHES]]
     ends = np.array([_least_violated(functions, z) for z in best])
-    hard = np.asarray(functions.judge_many(ends).hard)
+    judged = functions.judge_many(ends)
+    hard = np.where(np.asarray(judged.fine), np.asarray(judged.hard), -np.inf)
     k = int(np.argmax(hard))
     if hard[k] >= -FEASIBLE:
-        return np.concatenate([starts, ends[k : k + 1]])
-    warnings.warn(_missed(functions, ends[k], len(ends)), InfeasibleWarning, stacklevel=4)
-    return starts
+        return ends[k : k + 1]
+    if told := _missed(functions, ends[k], len(ends)):
+        # The caller of jk.design.optimise.
+        warnings.warn(told, InfeasibleWarning, stacklevel=5)
+    return nothing
 
 
 def _least_violated(functions: Functions, start: np.ndarray) -> np.ndarray:
-    """Returns where a bounded quasi-Newton method from a start ends that makes the sum of squared violations small."""
-    slope = functions.violation_slope
+    """Returns where a bounded quasi-Newton method from a start ends that makes the sum of squared violations small.
+
+    It ends where that is zero, as its slope is.
+    """
 
     def both(z: np.ndarray) -> tuple[float, np.ndarray]:
-        value, gradient = slope(jnp.asarray(z))
+        value, gradient = functions.violation_slope(jnp.asarray(z))
         return (float(value), np.nan_to_num(np.asarray(gradient))) if np.isfinite(value) else (1e30, np.zeros_like(z))
 
-    def enough(z: np.ndarray) -> None:
-        if np.asarray(functions.judge_many(z).hard)[0] >= 0.0:
-            raise StopIteration
-
+    options = {"maxiter": _ITERATIONS, "ftol": 0.0, "gtol": 1e-13}
     bounds = [(0.0, 1.0)] * len(start)
-    found = scipy.optimize.minimize(
-        both,
-        start,
-        jac=True,
-        method="L-BFGS-B",
-        bounds=bounds,
-        callback=enough,
-        options={"maxiter": _ITERATIONS, "ftol": 1e-15, "gtol": 1e-12},
-    )
+    found = scipy.optimize.minimize(both, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return np.clip(found.x, 0.0, 1.0)
 
 
 def _missed(functions: Functions, z: np.ndarray, searches: int) -> str:
-    """Says which requirements a design misses, by how much and where."""
+    """Says which requirements a design misses, by how much and where; "" where it misses none that the proof would."""
     problem = functions.problem
     robot, center = problem.design(jnp.asarray(z))
     told = []
-    for one in problem.subject_to:
+    for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)
-        if not one.slack(measured) >= 0:
+        if not one.slack(measured) >= -(KEPT * scale + measured.error):
             where = "" if measured.pose is None else f" at ({', '.join(f'{x:.6g}' for x in measured.pose)})"
             told.append(f"{one}, by {-one.slack(measured):.4g}{where}")
     values = ", ".join(f"{name}={float(v):.6g}" for name, v in problem.values(jnp.asarray(z)).items())
+    if not told:
+        return ""
     return (
         f"No design was found that keeps all requirements: the best of {searches} searches, {values}, misses "
         f"{'; and '.join(told)}. If there is none, the result is the design that violates least."

@@ -23,8 +23,9 @@ def materialise(*arrays: Array) -> tuple[Array, ...]:
 def waist(*arrays: Array) -> tuple[Array, ...]:
     """Returns the arrays unchanged; in derivatives they are computed once, and so are their cotangents.
 
-    As by ``materialise``, which values alone do not need: a kernel of few outputs is best in few loops. Without a waist
-    every number that a gradient is taken by computes anew all that lies between itself and the output.
+    Values alone, without derivatives, are left as they are: a kernel of few outputs is best in few loops. In a gradient
+    every number that it is taken by would compute anew all that lies between itself and the output; a waist between
+    them is computed once, as by ``materialise``.
     """
     return tuple(_waist(x) if jnp.issubdtype(jnp.result_type(x), jnp.floating) else x for x in arrays)
 

@@ -1,7 +1,8 @@
 """Smallest and largest singular value of small matrices, elementwise over arrays: rows are tuples of arrays or numbers.
 
 Nothing is stacked and nothing is called for each sample, so that all of it runs in vector instructions. Both values are
-right to a few units in the last place of the largest one, also where singular values coincide.
+right to a few units in the last place of the largest one, also where singular values coincide; of a 3x3 matrix with two
+small values the smallest is not, see ``singular_values_of_three.of_three``.
 
 References:
     Parlett, B. N., 1964, "Laguerre's method applied to the matrix eigenvalue problem"; Fernando, K. V. and Parlett,
@@ -16,8 +17,10 @@ from jax import Array
 
 from jaxkin.numerics import small_linalg
 from jaxkin.numerics.fusion import materialise, waist
-from jaxkin.numerics.singular_values_of_three import ALIKE, LEAST, Rows, of_three
+from jaxkin.numerics.singular_values_of_three import ALIKE, Rows, of_three
 
+#: Matrices with less in them are zero; its inverse is finite, in float32 as well.
+_LEAST = 1e-37
 #: Beyond this size the program would be long, and LAPACK is no longer slow.
 _LARGEST_UNROLLED = 8
 #: A simple extreme takes five or six steps, one that coincides with two others 40: every step takes 0.6 of the way.
@@ -46,7 +49,7 @@ def extremes(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
 def _of_two(rows: Sequence[Sequence[Array]]) -> tuple[Array, Array]:
     """Half the sum of two lengths, exact where both values coincide; and the determinant over it."""
     (a, b), (c, d) = rows
-    scale = jnp.maximum(jnp.abs(a) + jnp.abs(b) + jnp.abs(c) + jnp.abs(d), LEAST)
+    scale = jnp.maximum(jnp.abs(a) + jnp.abs(b) + jnp.abs(c) + jnp.abs(d), _LEAST)
     inverse = 1 / scale
     a, b, c, d = a * inverse, b * inverse, c * inverse, d * inverse
     largest = 0.5 * (small_linalg.length((a + d, c - b)) + small_linalg.length((a - d, b + c)))
@@ -60,7 +63,7 @@ def _of_many(rows: Rows) -> tuple[Array, Array]:
     if len(rows) > _LARGEST_UNROLLED:
         values = jnp.linalg.svd(small_linalg.stacked(rows), compute_uv=False)
         return values[..., -1], values[..., 0]
-    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), LEAST)
+    scale = jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), _LEAST)
     inverse = 1 / scale
     squares, couplings = _bidiagonal([[entry * inverse for entry in row] for row in rows])
     low, high = _extreme_eigenvalues(squares, couplings)

@@ -14,8 +14,6 @@ Rows: TypeAlias = tuple[tuple[Array, ...], ...]
 #: Entries 00, 11, 22, 01, 02, 12.
 Symmetric3: TypeAlias = tuple[Array, Array, Array, Array, Array, Array]
 
-#: Matrices with less in them are zero; its inverse is finite, in float32 as well.
-LEAST = 1e-37
 #: Values closer than this share of the largest are one value: their vectors are not told apart.
 ALIKE = 1e-9
 
@@ -25,7 +23,7 @@ def of_three(rows: Rows) -> tuple[Array, Array]:
     """Returns the extremes: the root of the largest eigenvalue of m m^T, and |det| over both large singular values.
 
     So the smallest keeps its digits near a singularity, where the root of the smallest eigenvalue would lose half of
-    them.
+    them. Where two values are small it is right to eps sigma_1^2 / sigma_2, which is at worst 1e-8 of the largest.
     """
     scale, shrink = _shrink(rows)
     matrix = _times(rows, shrink)
@@ -81,11 +79,11 @@ def _pair(m: Matrix3, spectrum: "_Spectrum", size: Array) -> Matrix3:
     With P the projector on the eigenvectors of g = m m^T, u v^T = P m / sigma; P = adj(g - lambda) over its trace.
     """
     (x, y, z), g = m, _gram(m)
-    first, second, square = spectrum.first, spectrum.second, spectrum.squares[0]
-    # Of singular values s1, s2: s1 - s2 = (s1^2 - s2^2) / (s1 + s2), and s1 + s2 is nearly 2 s1 where it matters.
-    bound = 2 * ALIKE * size * jnp.sqrt(square)
-    double = spectrum.spread * (first - second) <= bound
-    triple = spectrum.spread * (2 * first + second) <= bound
+    first, second, (square, other) = spectrum.first, spectrum.second, spectrum.squares
+    # Of singular values s1, s2: s1 - s2 = (s1^2 - s2^2) / (s1 + s2).
+    double = spectrum.spread * (first - second) <= ALIKE * size * (jnp.sqrt(square) + jnp.sqrt(other))
+    # All three are alike only by their own size: of cofactors the third value is far below where M is nearly of rank 1.
+    triple = spectrum.spread * (2 * first + second) <= 2 * ALIKE * square
     # Of two that are alike: what the third leaves.
     own = _projector(
         _scaled(g, spectrum.mean, spectrum.inverse), materialise(jnp.where(double, -first - second, first))[0]
@@ -180,7 +178,8 @@ def _values(scale: Array, matrix: Matrix3, spectrum: _Spectrum) -> tuple[Array, 
 
 def _shrink(rows: Rows) -> tuple[Array, Array]:
     """Returns a power of two near the size of a matrix, and its inverse."""
-    return power_of_two(jnp.maximum(sum(jnp.abs(entry) for row in rows for entry in row), LEAST))
+    size = jnp.asarray(sum(jnp.abs(entry) for row in rows for entry in row))
+    return power_of_two(jnp.maximum(size, 4 * float(jnp.finfo(size.dtype).tiny)))
 
 
 def _times(rows: Rows, factor: Array) -> Matrix3:

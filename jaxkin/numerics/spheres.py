@@ -209,7 +209,8 @@ def _bounded_jvp(
     moved, risen = tangents[0], tangents[1]
     grown = angles * (shells.radii * moved.radii - height * risen)
     across = chords[..., 1] * moved.centres[:, None, 0] - chords[..., 0] * moved.centres[:, None, 1]
-    return _bounded(*primals), jnp.sum(_SIDES * (grown + across))
+    area = _bounded(*primals)
+    return area, jnp.where(area > 0, jnp.sum(_SIDES * (grown + across)), 0.0)
 
 
 def breaks(shells: Shells) -> Array:

@@ -1,4 +1,5 @@
 import math
+import warnings
 
 import jax.numpy as jnp
 import numpy as np
@@ -56,8 +57,8 @@ def test_a_bowl_inside_its_bounds(method, tolerance):
     assert design.request["options"]["method"] == method
 
 
-def flattering(width, told):
-    """A distance to (1, 2) whose smoothing makes it smaller by up to a width; told is what it says of that."""
+def flattering(width, honest):
+    """A distance to (1, 2) whose smoothing makes it smaller by up to a width; an honest one says so."""
 
     def parts(robot, center):
         del center
@@ -65,16 +66,16 @@ def flattering(width, told):
         return (jnp.sqrt(square + width**2) - width)[None]
 
     def measured(robot, center):
-        del center
-        return Measured(math.hypot(float(robot.a) - 1.0, float(robot.b) - 2.0), 1e-15)
+        away = math.hypot(float(robot.a) - 1.0, float(robot.b) - 2.0)
+        return Measured(away, 1e-15, smoothed=float(parts(robot, center)[0]) if honest else None)
 
-    return Objective("distance", "1", parts, "only", told, "smooth", measured)
+    return Objective("distance", "1", parts, "only", 0.0, "smooth", measured)
 
 
 # With a + b at most 2.9 the distance is 0.0707, smoothed 0.0225.
-@pytest.mark.parametrize(("most", "told", "good"), [(9.0, 0.1, True), (2.9, 0.1, True), (2.9, 0.0, False)])
-def test_what_smoothing_explains_is_no_failure(most, told, good):
-    design = optimise(problem(minimise=flattering(0.1, told), subject_to=[SUM.at_most(most)]), **QUICK)
+@pytest.mark.parametrize(("most", "honest", "good"), [(9.0, True, True), (2.9, True, True), (2.9, False, False)])
+def test_what_smoothing_explains_is_no_failure(most, honest, good):
+    design = optimise(problem(minimise=flattering(0.1, honest), subject_to=[SUM.at_most(most)]), **QUICK)
     assert design.objective.value == pytest.approx(max(0.0, (3.0 - most) / math.sqrt(2)), abs=1e-12)
     assert design.verified is good
     assert good or design.failures == ("The smoothed distance is better by 0.0482 than what was measured.",)
@@ -135,6 +136,26 @@ def test_requirements_that_two_designs_of_a_thousand_keep_are_met():
     design = optimise(problem(subject_to=[narrow, apart]), method="adam", **{**QUICK, "starts": 2})
     assert design.feasible
     assert design.counts["starts"] == 3
+
+
+def test_a_design_that_keeps_requirements_but_is_no_number_is_no_start():
+    root = quantity("root", lambda a, b: jnp.sqrt(a - 1.0) + b)
+    ring = quantity("ring", lambda a, b: (a - 0.95) ** 2 + (b - 1.0) ** 2).at_most(0.0099)
+    options = {**QUICK, "starts": 4, "method": "slsqp"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jk.InfeasibleWarning)
+        design = optimise(problem(minimise=root, subject_to=[ring]), **options)
+    assert np.isfinite(design.objective.value)
+    assert design.values["a"] >= 1.0
+
+
+def test_what_the_proof_would_accept_is_no_reason_to_warn():
+    # No design is inside: the set of those that keep both is a line.
+    line = [SUM.at_least(2.0), quantity("square", lambda a, b: (a + b) ** 2).at_most(4.0)]
+    assert optimise(problem(subject_to=line), **QUICK).verified
+    # Smoothing on the safe side: measured, it is kept.
+    safe = Objective("sum", "1", SUM.parts, "only", 0.0, "", lambda r, c: Measured(float(r.a + r.b) + 0.5, 1e-15))
+    assert optimise(problem(subject_to=[safe.at_least(6.2)]), **QUICK).feasible
 
 
 def test_starts_that_are_no_numbers_are_left_out():

@@ -118,3 +118,17 @@ def test_derivatives_of_special_matrices_are_numbers(n):
     for order in (jax.jacfwd, jax.jacrev):
         slopes = order(lambda m: jnp.stack(extremes(m)).sum(axis=1))(matrices)
         assert np.all(np.isfinite(slopes))
+
+
+# Cofactors of a matrix of nearly rank 1 are small, and alike by the size of the largest value alone.
+@pytest.mark.parametrize("size", [1.0, 1e-100, 1e100])
+@pytest.mark.parametrize(
+    ("values", "smallest"),
+    [((1, 1.5e-9, 1e-10), (0, 0, 1)), ((1, 1e-10, 1e-10), (0, 0.5, 0.5)), ((1, 1, 1e-12), (0, 0, 1))],
+)
+def test_derivatives_where_values_are_small(values, smallest, size):
+    matrix = size * jnp.diag(jnp.array(values, float))
+    slope = jax.grad(lambda m: extremes(m)[0])(matrix)
+    np.testing.assert_allclose(slope, np.diag(smallest), atol=1e-9)
+    second = jax.jacfwd(jax.grad(lambda m: extremes(m)[1]))(size * jnp.diag(jnp.array([3.0, 2.0, 1.0])))
+    assert np.all(np.isfinite(second))
