@@ -12,6 +12,7 @@ from jax import Array
 from jaxkin.core.errors import InputError
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.design.places import Place
+from jaxkin.numerics.fusion import materialise
 
 #: What the parts of an objective are put together by.
 LEAST, MOST, ONLY = "least", "most", "only"
@@ -95,6 +96,8 @@ class Objective:
         if self.width == 0:
             return jnp.min(parts) if self.worst == LEAST else jnp.max(parts)
         sign = -1.0 if self.worst == LEAST else 1.0
+        # Of deep expressions jaxlib 0.12 compiles the largest for minutes.
+        (parts,) = materialise(parts)
         return sign * self.width * jax.nn.logsumexp(sign * parts / self.width)
 
     def flattery(self, parts: int, sign: float) -> float:
