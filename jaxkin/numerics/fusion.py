@@ -47,7 +47,7 @@ def _waist(x: Array) -> Array:
 @_waist.defjvp
 def _waist_jvp(primals: tuple[Array], tangents: tuple[Array]) -> tuple[Array, Array]:
     (x,), (change,) = primals, tangents
-    # One for infinity too, such as a limit that is none. No minimum, which jaxlib 0.12 compiles for minutes if x is deep.
+    # One for infinity too, as a limit may be. No minimum, which jaxlib 0.12 compiles for minutes where x is deep.
     one = jnp.where(jnp.abs(x) > 1, 1, x) * 0 + 1
     return _waist(x) / one, change / one
 
