@@ -43,11 +43,15 @@ class Measured:
     proved: bool = False
     smoothed: float | None = None
 
+    @property
+    def where(self) -> str:
+        """The pose as the end of a message, such as `` at (0, 1)``; empty without one."""
+        return "" if self.pose is None else f" at ({', '.join(f'{x:.6g}' for x in self.pose)})"
+
     def __str__(self) -> str:
         """One line."""
-        where = "" if self.pose is None else f" at ({', '.join(f'{x:.6g}' for x in self.pose)})"
         part = f" by {self.part}" if self.part else ""
-        return f"{self.value:.10g} +- {self.error:.1e}{part}{where}{', proved' if self.proved else ''}"
+        return f"{self.value:.10g} +- {self.error:.1e}{part}{self.where}{', proved' if self.proved else ''}"
 
 
 @dataclass(frozen=True, eq=False)

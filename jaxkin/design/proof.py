@@ -8,12 +8,12 @@ from jax import Array
 
 from jaxkin.core.mechanism import Mechanism
 from jaxkin.design.functions import Functions
-from jaxkin.design.objective import Measured
+from jaxkin.design.objective import Measured, Requirement
 from jaxkin.design.outcome import Kept, Neighbourhood
 from jaxkin.design.problem import Problem
 
 #: Scaled slack within which a requirement is kept, or active.
-KEPT, _ACTIVE = 1e-7, 1e-5
+_KEPT, _ACTIVE = 1e-7, 1e-5
 #: A neighbour is better only by more than this share of the objective.
 _BETTER = 1e-7
 #: An objective below this share of its size at the starts is judged by that: a distance of zero has no other size.
@@ -53,18 +53,21 @@ def verified(functions: Functions, z: np.ndarray, neighbours: int, radius: float
     for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)
         slack = one.slack(measured)
-        tolerance = KEPT * scale + measured.error
-        holds = bool(slack >= -tolerance)
+        holds = keeps(one, measured, scale)
         kept.append(Kept(str(one), measured, slack, holds, holds and bool(slack <= _ACTIVE * scale + measured.error)))
         if not holds:
-            where = "" if measured.pose is None else f" at ({', '.join(f'{x:.6g}' for x in measured.pose)})"
-            failures.append(f"{one} is missed by {-slack:.3g}{where}.")
+            failures.append(f"{one} is missed by {-slack:.3g}{measured.where}.")
     if not bool(robot.geometry_ok()):
         failures.append("The geometry is degenerate.")
     near = _neighbourhood(functions, z, neighbours, radius, seed) if neighbours else None
     if near is not None and near.better and not failures:
         failures.append(f"{near.better} of {near.samples} designs around it are better, by up to {near.gain:.3g}.")
     return Verdict(objective, tuple(kept), near, tuple(failures))
+
+
+def keeps(one: Requirement, measured: Measured, scale: float) -> bool:
+    """Returns whether a measured quantity keeps a requirement, up to rounding and its own error."""
+    return bool(one.slack(measured) >= -(_KEPT * scale + measured.error))
 
 
 def _flattered(problem: Problem, robot: Mechanism, center: Array | None, measured: Measured) -> float:

@@ -11,7 +11,7 @@ from jaxkin.core.errors import InfeasibleWarning, InputError
 from jaxkin.design.functions import Functions
 from jaxkin.design.gradient_steps import FEASIBLE
 from jaxkin.design.problem import Problem
-from jaxkin.design.proof import KEPT
+from jaxkin.design.proof import keeps
 from jaxkin.numerics.newton import lattice
 
 #: Designs among which one must reach every prescribed pose.
@@ -88,15 +88,13 @@ def _missed(functions: Functions, z: np.ndarray, searches: int) -> str:
     told = []
     for one, scale in zip(problem.subject_to, functions.scales, strict=True):
         measured = one.objective.measured(robot, center)
-        if not one.slack(measured) >= -(KEPT * scale + measured.error):
-            where = "" if measured.pose is None else f" at ({', '.join(f'{x:.6g}' for x in measured.pose)})"
-            told.append(f"{one}, by {-one.slack(measured):.4g}{where}")
-    values = ", ".join(f"{name}={float(v):.6g}" for name, v in problem.values(jnp.asarray(z)).items())
+        if not keeps(one, measured, float(scale)):
+            told.append(f"{one}, by {-one.slack(measured):.4g}{measured.where}")
     if not told:
         return ""
     return (
-        f"No design was found that keeps all requirements: the best of {searches} searches, {values}, misses "
-        f"{'; and '.join(told)}. If there is none, the result is the design that violates least."
+        f"No design was found that keeps all requirements: the best of {searches} searches, {_named(problem, z)}, "
+        f"misses {'; and '.join(told)}. If there is none, the result is the design that violates least."
     )
 
 
@@ -129,11 +127,15 @@ def _check_reach(problem: Problem, seed: int) -> None:
 
 def _why_not(functions: Functions, starts: np.ndarray, values: np.ndarray, slacks: np.ndarray) -> str:
     problem = functions.problem
-    first = ", ".join(f"{name}={float(v):.6g}" for name, v in problem.values(jnp.asarray(starts[0])).items())
-    where = f"at any of the {len(starts)} starts, {first} for one"
+    where = f"at any of the {len(starts)} starts, {_named(problem, starts[0])} for one"
     if not np.isfinite(values).any():
         return f"The {problem.objective.name} is not a finite number {where}: change the bounds, or the place."
     for one, column in zip(problem.subject_to, slacks.T, strict=True):
         if not np.isfinite(column).any():
             return f"The requirement {one} is not a finite number {where}: change the bounds, or the place."
     return f"The geometry is degenerate, or a requirement is not a finite number, {where}: change the bounds."
+
+
+def _named(problem: Problem, z: np.ndarray) -> str:
+    """Returns the parameters of a design as text."""
+    return ", ".join(f"{name}={float(value):.6g}" for name, value in problem.values(jnp.asarray(z)).items())
